@@ -1,0 +1,294 @@
+"""The directory of a ray map: every name and every shape that its indices speak about.
+
+A ray map is self-describing. Queries and pictures need nothing but the file, so the directory holds
+the names of sources, objects, faces, media, surfaces and detectors, the shapes that the encodings
+lean on, and the units. Display meshes stand beside it as binary streams (`DisplayMesh`).
+
+Frames and units: lengths in ``length_unit`` of the scene, right-handed coordinates, directions are
+unit vectors, flux in ``flux_unit``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from raymap.schema import MAX_CELLS_PER_SIDE, MAX_INDEX, MAX_PRIMITIVES, NONE
+
+__all__ = [
+    "BoundingSphere",
+    "ChannelSet",
+    "Detector",
+    "Directory",
+    "DisplayMesh",
+    "Face",
+    "FaceTable",
+    "Medium",
+    "Quadric",
+    "SceneObject",
+    "Source",
+    "Surface",
+]
+
+Vector = tuple[float, float, float]
+Parameters = dict[str, Any]
+
+
+class _Entry(BaseModel):
+    """An immutable entry; keys that this version does not know are carried along."""
+
+    model_config = ConfigDict(frozen=True, extra="allow", allow_inf_nan=False)
+
+
+Name = Annotated[str, Field(min_length=1, max_length=1024)]
+
+
+class Source(_Entry):
+    """A light source; ``flux`` in the flux unit of the map."""
+
+    name: Name
+    flux: Annotated[float, Field(ge=0)] = 1.0
+    kind: str = ""
+    parameters: Parameters = {}
+
+
+class Medium(_Entry):
+    """A medium by name; indices and absorption per channel stand in the channel sets."""
+
+    name: Name
+    kind: str = ""
+    parameters: Parameters = {}
+
+
+class Surface(_Entry):
+    """Optical properties of faces; numeric ``parameters`` can be asked for in criteria."""
+
+    name: Name
+    kind: str = ""
+    parameters: Parameters = {}
+
+
+class Quadric(_Entry):
+    """Implicit shape of one primitive: F(x, y, z) = 0 with the gradient pointing outward.
+
+    ``coefficients`` = (xx, yy, zz, xy, xz, yz, x, y, z, 1): F = xx x² + yy y² + zz z² + xy x y +
+    xz x z + yz y z + x x + y y + z z + 1. ``solve_axis`` names the coordinate (0, 1, 2) that the
+    encoding may rebuild from the other two, None if that is never worthwhile.
+    """
+
+    coefficients: tuple[float, float, float, float, float, float, float, float, float, float]
+    solve_axis: Literal[0, 1, 2] | None = None
+
+
+class Face(_Entry):
+    """A named part of the boundary of an object: a run of its primitives.
+
+    ``aliases`` are full names ("L3.front") by which criteria may also call the face: the shared
+    interface of a cemented pair is one face of one object with the other element's name as alias.
+    ``quadrics`` is empty or has one entry (or None) per primitive.
+    """
+
+    name: Name
+    first_primitive: Annotated[int, Field(ge=0, le=MAX_PRIMITIVES)] = 0
+    primitive_count: Annotated[int, Field(ge=1, le=MAX_PRIMITIVES)] = 1
+    surface: Annotated[int, Field(ge=NONE, le=MAX_INDEX)] = NONE
+    aliases: tuple[str, ...] = ()
+    quadrics: tuple[Quadric | None, ...] = ()
+    parameters: Parameters = {}
+
+    @model_validator(mode="after")
+    def _check(self) -> Face:
+        if self.quadrics and len(self.quadrics) != self.primitive_count:
+            raise ValueError(
+                f"face {self.name!r} has {self.primitive_count} primitives "
+                f"but {len(self.quadrics)} quadrics"
+            )
+        return self
+
+
+class SceneObject(_Entry):
+    """A body of the scene; its faces cover its primitives in order, without gaps."""
+
+    name: Name
+    kind: str = ""
+    faces: tuple[Face, ...] = ()
+    parameters: Parameters = {}
+
+    @model_validator(mode="after")
+    def _check(self) -> SceneObject:
+        expected = 0
+        for face in self.faces:
+            if face.first_primitive != expected:
+                raise ValueError(
+                    f"face {self.name}.{face.name} starts at primitive {face.first_primitive}, "
+                    f"expected {expected}: faces cover the primitives in order"
+                )
+            expected += face.primitive_count
+        if len({face.name for face in self.faces}) != len(self.faces):
+            raise ValueError(f"object {self.name!r} has two faces of one name")
+        return self
+
+
+class Detector(_Entry):
+    """A grid of cells that counts flux.
+
+    For ``kind == "plane"``: ``center`` of the rectangle, unit vectors ``axis_u`` and ``axis_v``,
+    full ``size`` (width along u, height along v) in scene units; cell (0, 0) is at -u, -v; the
+    detector looks along ``axis_u x axis_v``. For "far_field", "camera" and "surface" the axes and
+    ``parameters`` define the mapping; ``size`` is in the units named in ``parameters["size_unit"]``.
+    """
+
+    name: Name
+    kind: Literal["plane", "far_field", "camera", "surface"] = "plane"
+    cells: tuple[
+        Annotated[int, Field(ge=1, le=MAX_CELLS_PER_SIDE)],
+        Annotated[int, Field(ge=1, le=MAX_CELLS_PER_SIDE)],
+    ]
+    center: Vector = (0.0, 0.0, 0.0)
+    axis_u: Vector = (1.0, 0.0, 0.0)
+    axis_v: Vector = (0.0, 1.0, 0.0)
+    size: tuple[float, float] = (1.0, 1.0)
+    blocking: bool = False
+    uv_meaning: Literal["crossing", "projection"] = "crossing"
+    object: Annotated[int, Field(ge=NONE, le=MAX_INDEX)] = NONE
+    """Index of the object of the same name, for blocking and surface detectors."""
+    parameters: Parameters = {}
+
+
+class BoundingSphere(_Entry):
+    """Rays that leave the scene end here."""
+
+    center: Vector = (0.0, 0.0, 0.0)
+    radius: Annotated[float, Field(gt=0)] = 1.0
+
+
+class ChannelSet(_Entry):
+    """The colour channels of a run of portions, and what media and sources are in them.
+
+    Attributes
+    ----------
+    wavelengths_nm : one per channel [nm, vacuum]; for RGB the representative wavelengths
+    luminous : luminous efficacy of each channel: 683 V(wavelength) [lm/W] in a spectral set, the
+        Y coefficients of linear sRGB in an RGB set
+    display_rgb : (n_channels, 3) linear sRGB of one unit of each channel, for pictures
+    refractive_index : (n_media, n_channels)
+    absorption : (n_media, n_channels) [1 / length_unit]
+    source_colors : (n_sources, n_channels), rows sum to 1
+    """
+
+    kind: Literal["rgb", "spectral"]
+    wavelengths_nm: Annotated[tuple[float, ...], Field(min_length=1, max_length=4096)]
+    luminous: tuple[float, ...] = ()
+    display_rgb: tuple[Vector, ...] = ()
+    refractive_index: tuple[tuple[float, ...], ...] = ()
+    absorption: tuple[tuple[float, ...], ...] = ()
+    source_colors: tuple[tuple[float, ...], ...] = ()
+
+    @property
+    def n_channels(self) -> int:
+        return len(self.wavelengths_nm)
+
+    @property
+    def labels(self) -> list[str]:
+        """Names of the channels: R, G, B or the wavelengths."""
+        if self.kind == "rgb":
+            return ["R", "G", "B"]
+        return [f"{wavelength:g} nm" for wavelength in self.wavelengths_nm]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DisplayMesh:
+    """Triangles to draw one object with; need not be the primitives that rays meet.
+
+    Attributes
+    ----------
+    vertices : (n, 3) float32 [scene units]
+    triangles : (m, 3) int32 indices of vertices
+    face : (m,) int32 index of the face within the object
+    """
+
+    vertices: NDArray[np.float32]
+    triangles: NDArray[np.int32]
+    face: NDArray[np.int32]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FaceTable:
+    """All faces of a map as arrays, for compiled code; a *face index* is a row of it.
+
+    Attributes
+    ----------
+    first_face : (n_objects + 1,) int32, faces of object o are rows first_face[o]:first_face[o + 1]
+    object : (n_faces,) int16
+    first_primitive, primitive_count : (n_faces,) int32
+    surface : (n_faces,) int16
+    names : full names "object.face", in order
+    """
+
+    first_face: NDArray[np.int32]
+    object: NDArray[np.int16]
+    first_primitive: NDArray[np.int32]
+    primitive_count: NDArray[np.int32]
+    surface: NDArray[np.int16]
+    names: tuple[str, ...]
+
+
+class Directory(_Entry):
+    """Names, shapes and units of one ray map."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="allow", allow_inf_nan=False, ignored_types=(cached_property,)
+    )
+
+    length_unit: str = "mm"
+    flux_unit: Literal["W", "lm"] = "W"
+    sources: Annotated[tuple[Source, ...], Field(max_length=MAX_INDEX)]
+    objects: Annotated[tuple[SceneObject, ...], Field(max_length=MAX_INDEX)] = ()
+    media: Annotated[tuple[Medium, ...], Field(max_length=MAX_INDEX)] = ()
+    surfaces: Annotated[tuple[Surface, ...], Field(max_length=MAX_INDEX)] = ()
+    detectors: Annotated[tuple[Detector, ...], Field(max_length=MAX_INDEX)] = ()
+    bounding_sphere: BoundingSphere = BoundingSphere()
+    scene_hash: str = ""
+    """Hash of geometry, media, surfaces, sources and detectors; maps of one scene share it."""
+    scene_text: str = ""
+    """The scene description as the user wrote it, for people."""
+    title: str = ""
+    parameters: Parameters = {}
+
+    @model_validator(mode="after")
+    def _check(self) -> Directory:
+        for kind in ("sources", "objects", "media", "surfaces", "detectors"):
+            names = [entry.name for entry in getattr(self, kind)]
+            if len(set(names)) != len(names):
+                twice = next(name for name in names if names.count(name) > 1)
+                raise ValueError(f"two {kind} are called {twice!r}")
+        for item in self.objects:
+            for face in item.faces:
+                if face.surface >= len(self.surfaces):
+                    raise ValueError(f"{item.name}.{face.name} names surface {face.surface}")
+        for detector in self.detectors:
+            if detector.object >= len(self.objects):
+                raise ValueError(f"detector {detector.name!r} names object {detector.object}")
+        return self
+
+    @cached_property
+    def faces(self) -> FaceTable:
+        """The faces of all objects, in order."""
+        counts = [len(item.faces) for item in self.objects]
+        faces = [face for item in self.objects for face in item.faces]
+        owners = [number for number, count in enumerate(counts) for _ in range(count)]
+        return FaceTable(
+            first_face=np.concatenate(([0], np.cumsum(counts))).astype(np.int32),
+            object=np.array(owners, np.int16),
+            first_primitive=np.array([face.first_primitive for face in faces], np.int32),
+            primitive_count=np.array([face.primitive_count for face in faces], np.int32),
+            surface=np.array([face.surface for face in faces], np.int16),
+            names=tuple(
+                f"{item.name}.{face.name}" for item in self.objects for face in item.faces
+            ),
+        )

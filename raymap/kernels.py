@@ -1,0 +1,23 @@
+"""The one decorator of all compiled functions, and its flags.
+
+``error_model="numpy"``: division by zero gives inf or nan, as in the columns around it.
+``nogil=True``: portions run on a thread pool. No ``fastmath`` (it turns ``isnan(nan)`` false) and no
+``parallel`` (its threading layer aborts under a thread pool).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+import numba
+
+__all__ = ["kernel"]
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def kernel(function: F) -> F:
+    """Compile a function of numbers and arrays on its first call; the machine code is cached."""
+    compiled = numba.njit(nogil=True, cache=True, error_model="numpy")(function)
+    return cast(F, compiled)

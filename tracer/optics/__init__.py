@@ -1,0 +1,1 @@
+"""Pure functions of optics: numbers in, numbers out; no scene, no engine."""
