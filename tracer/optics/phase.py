@@ -91,7 +91,7 @@ def eval_generalized(g: float, gamma: float, mu: float) -> float:
     if g < 0.0:
         g = -g
         mu = -mu
-    if g == 0.0:
+    if abs(g) < 1e-100:
         return 1.0 / _FOUR_PI
     # Normalise at the end of the range where the power cannot overflow
     a = gamma - 1.0
@@ -109,7 +109,7 @@ def eval_generalized(g: float, gamma: float, mu: float) -> float:
 @kernel
 def sample_generalized(g: float, gamma: float, u: float) -> float:
     """Cosine drawn from `eval_generalized` by the closed inverse of its distribution."""
-    if g == 0.0:
+    if abs(g) < 1e-100:
         return 2.0 * u - 1.0
     # Turn backward peaks forward
     backward = g < 0.0
