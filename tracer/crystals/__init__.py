@@ -1,0 +1,1 @@
+"""Light in isotropic, uniaxial and biaxial crystals."""

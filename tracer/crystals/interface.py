@@ -1,0 +1,346 @@
+"""One wave meets the plane interface of two media: up to two reflected and two refracted rays.
+
+The incident wave is given by its refraction vector N (wave normal times index) and field E. The
+tangential field (E_x, H_y, E_y, -H_x) of incident and reflected waves equals that of the refracted
+ones: four equations for four amplitudes. Shares are fluxes through the interface over the incident
+flux; fields of the outgoing waves come with their amplitudes, in the same phase reference (the
+point of incidence), so that coherent sums need only the paths between.
+
+References
+----------
+D. W. Berreman, J. Opt. Soc. Am. 62, 502 (1972); conventions of Born & Wolf, Principles of Optics.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from raymap.kernels import kernel
+from tracer.crystals.modes import MODE, forward_modes, mirror_modes
+from tracer.crystals.rows import AXIS, EPS, EPS_EXTRAORDINARY, EPS_ORDINARY, ISOTROPIC, KIND
+
+__all__ = [
+    "WAVE",
+    "interface_batch",
+    "interface_event",
+    "interface_frame",
+    "interface_scratch",
+    "medium_modes",
+]
+
+WAVE = 16
+"""Columns of an outgoing wave: N (3), ray direction (3), Re E (3), Im E (3), share, amplitude
+(2, of its unit mode), and 0 none or evanescent, 1 one ray of an isotropic medium, 2 ordinary or
+fast, 3 extraordinary or slow."""
+
+Array = np.ndarray[Any, np.dtype[Any]]
+
+
+@kernel
+def interface_scratch() -> tuple[Array, Array, Array, Array]:
+    """Working arrays for one thread: matrices (real, complex), modes, and frame."""
+    return (
+        np.zeros((3, 4, 4), np.float64),
+        np.zeros((2, 4, 5), np.complex128),
+        np.zeros((4, MODE), np.complex128),
+        np.zeros((8, 3), np.float64),
+    )
+
+
+@kernel
+def interface_frame(
+    nx: float, ny: float, nz: float, px: float, py: float, pz: float, frame: Array
+) -> float:
+    """Axes x, y, z (rows 0 to 2) of the interface; returns xi = |tangential N|.
+
+    n = (nx, ny, nz) is the unit normal, p = N of the incident wave.
+    """
+    # Project twice, so that x lies across the normal to rounding even near normal incidence
+    along = px * nx + py * ny + pz * nz
+    tx = px - along * nx
+    ty = py - along * ny
+    tz = pz - along * nz
+    along = tx * nx + ty * ny + tz * nz
+    tx -= along * nx
+    ty -= along * ny
+    tz -= along * nz
+    xi = math.sqrt(tx * tx + ty * ty + tz * tz)
+    if xi < 1e-14:
+        xi = 0.0
+        if abs(nx) < 0.6:
+            tx, ty, tz = 1.0 - nx * nx, -nx * ny, -nx * nz
+        else:
+            tx, ty, tz = -ny * nx, 1.0 - ny * ny, -ny * nz
+    size = math.sqrt(tx * tx + ty * ty + tz * tz)
+    tx /= size
+    ty /= size
+    tz /= size
+    frame[0, 0], frame[0, 1], frame[0, 2] = tx, ty, tz
+    frame[1, 0] = ny * tz - nz * ty
+    frame[1, 1] = nz * tx - nx * tz
+    frame[1, 2] = nx * ty - ny * tx
+    frame[2, 0], frame[2, 1], frame[2, 2] = nx, ny, nz
+    return xi
+
+
+@kernel
+def medium_modes(
+    medium: Array,
+    frame: Array,
+    xi: float,
+    sign: float,
+    modes: Array,
+    k: int,
+    work: Array,
+    cwork: Array,
+) -> None:
+    """Two forward (sign = 1) or backward (-1) waves of a medium row in the interface frame."""
+    kind = int(medium[KIND])
+    tensor = frame[3:5].reshape(6)
+    cx = cy = cz = 0.0
+    if kind != ISOTROPIC:
+        # Turn tensor and axis into the frame
+        for i in range(3):
+            x, y, z = frame[i, 0], frame[i, 1], frame[i, 2]
+            frame[5, i] = medium[EPS] * x + medium[EPS + 3] * y + medium[EPS + 4] * z
+            frame[6, i] = medium[EPS + 3] * x + medium[EPS + 1] * y + medium[EPS + 5] * z
+            frame[7, i] = medium[EPS + 4] * x + medium[EPS + 5] * y + medium[EPS + 2] * z
+        for i in range(3):
+            tensor[i] = (
+                frame[i, 0] * frame[5, i] + frame[i, 1] * frame[6, i] + frame[i, 2] * frame[7, i]
+            )
+        tensor[3] = (
+            frame[0, 0] * frame[5, 1] + frame[0, 1] * frame[6, 1] + frame[0, 2] * frame[7, 1]
+        )
+        tensor[4] = sign * (
+            frame[0, 0] * frame[5, 2] + frame[0, 1] * frame[6, 2] + frame[0, 2] * frame[7, 2]
+        )
+        tensor[5] = sign * (
+            frame[1, 0] * frame[5, 2] + frame[1, 1] * frame[6, 2] + frame[1, 2] * frame[7, 2]
+        )
+        ax, ay, az = medium[AXIS], medium[AXIS + 1], medium[AXIS + 2]
+        cx = frame[0, 0] * ax + frame[0, 1] * ay + frame[0, 2] * az
+        cy = frame[1, 0] * ax + frame[1, 1] * ay + frame[1, 2] * az
+        cz = sign * (frame[2, 0] * ax + frame[2, 1] * ay + frame[2, 2] * az)
+    forward_modes(
+        kind,
+        tensor,
+        medium[EPS_ORDINARY],
+        medium[EPS_EXTRAORDINARY],
+        cx,
+        cy,
+        cz,
+        xi,
+        modes,
+        k,
+        work,
+        cwork,
+    )
+    if sign < 0.0:
+        mirror_modes(modes, k)
+
+
+@kernel
+def _solve(m: Array) -> None:
+    """Gaussian elimination with pivoting of a 4 x 5 system; the solution is left in column 4."""
+    for column in range(4):
+        best = -1.0
+        pivot = column
+        for row in range(column, 4):
+            size = m[row, column].real ** 2 + m[row, column].imag ** 2
+            if size > best:
+                best = size
+                pivot = row
+        if pivot != column:
+            for j in range(column, 5):
+                swap = m[column, j]
+                m[column, j] = m[pivot, j]
+                m[pivot, j] = swap
+        if best == 0.0:
+            m[column, column] = 1e-300
+        inverse = 1.0 / m[column, column]
+        for row in range(column + 1, 4):
+            factor = m[row, column] * inverse
+            if factor != 0.0:
+                for j in range(column + 1, 5):
+                    m[row, j] -= factor * m[column, j]
+    for row in range(3, -1, -1):
+        value = m[row, 4]
+        for j in range(row + 1, 4):
+            value -= m[row, j] * m[j, 4]
+        m[row, 4] = value / m[row, row]
+
+
+@kernel
+def _store(
+    modes: Array,
+    k: int,
+    amplitude: complex,
+    incident_flux: float,
+    frame: Array,
+    xi: float,
+    label: float,
+    out: Array,
+    row: int,
+) -> None:
+    """One outgoing wave in world coordinates."""
+    for i in range(WAVE):
+        out[row, i] = 0.0
+    out[row, 13] = amplitude.real
+    out[row, 14] = amplitude.imag
+    ex = modes[k, 0]
+    ey = modes[k, 2]
+    ez = modes[k, 4]
+    hx = -modes[k, 3]
+    hy = modes[k, 1]
+    q = modes[k, 5].real
+
+    # Ray direction, Re(E x H*), with H_z = xi E_y
+    hz = xi * ey
+    sx = (ey * hz.conjugate() - ez * hy.conjugate()).real
+    sy = (ez * hx.conjugate() - ex * hz.conjugate()).real
+    sz = (ex * hy.conjugate() - ey * hx.conjugate()).real
+    size = math.sqrt(sx * sx + sy * sy + sz * sz)
+    travelling = modes[k, 6].real > 0.5
+    if size > 0.0:
+        sx /= size
+        sy /= size
+        sz /= size
+    for i in range(3):
+        e = amplitude * (frame[0, i] * ex + frame[1, i] * ey + frame[2, i] * ez)
+        out[row, i] = xi * frame[0, i] + q * frame[2, i]
+        out[row, 3 + i] = sx * frame[0, i] + sy * frame[1, i] + sz * frame[2, i]
+        out[row, 6 + i] = e.real
+        out[row, 9 + i] = e.imag
+    if travelling:
+        flux = 2.0 * sz * size
+        out[row, 12] = abs(flux) * (amplitude.real**2 + amplitude.imag**2) / incident_flux
+        out[row, 15] = label
+
+
+@kernel
+def _join(out: Array, row: int) -> None:
+    """s and p of an isotropic medium are one ray."""
+    if out[row, 15] == 0.0:
+        return
+    size = math.sqrt(out[row, 0] ** 2 + out[row, 1] ** 2 + out[row, 2] ** 2)
+    for i in range(3):
+        out[row, 3 + i] = out[row, i] / size
+    for i in range(6, 13):
+        out[row, i] += out[row + 1, i]
+        out[row + 1, i] = 0.0
+    out[row, 15] = 1.0
+    out[row + 1, 15] = 0.0
+
+
+@kernel
+def interface_event(
+    medium_1: Array,
+    medium_2: Array,
+    px: float,
+    py: float,
+    pz: float,
+    field: Array,
+    nx: float,
+    ny: float,
+    nz: float,
+    out: Array,
+    work: Array,
+    cwork: Array,
+    modes: Array,
+    frame: Array,
+) -> float:
+    """Reflect and refract one wave; returns its incident flux 2 Re(E_x* H_y - E_y* H_x).
+
+    Parameters
+    ----------
+    medium_1, medium_2 : (ROW,) float64, before and behind the interface
+    px, py, pz : refraction vector N of the incident wave
+    field : (3,) complex128, its E
+    nx, ny, nz : unit normal, pointing into medium 2
+    out : (4, WAVE) float64; rows 0, 1 reflected, 2, 3 refracted
+    work, cwork, modes, frame : from `interface_scratch`
+    """
+    # Set up the frame and the incident tangential field
+    xi = interface_frame(nx, ny, nz, px, py, pz, frame)
+    q = px * nx + py * ny + pz * nz
+    ex = frame[0, 0] * field[0] + frame[0, 1] * field[1] + frame[0, 2] * field[2]
+    ey = frame[1, 0] * field[0] + frame[1, 1] * field[1] + frame[1, 2] * field[2]
+    ez = nx * field[0] + ny * field[1] + nz * field[2]
+    hx = -q * ey
+    hy = q * ex - xi * ez
+    incident_flux: float = 2.0 * (ex.conjugate() * hy - ey.conjugate() * hx).real
+
+    # Waves that leave: forward into medium 2, backward into medium 1
+    medium_modes(medium_1, frame, xi, -1.0, modes, 0, work, cwork[:, :, :4])
+    medium_modes(medium_2, frame, xi, 1.0, modes, 2, work, cwork[:, :, :4])
+
+    # Match the tangential fields
+    matrix = cwork[1]
+    for i in range(4):
+        matrix[i, 0] = modes[2, i]
+        matrix[i, 1] = modes[3, i]
+        matrix[i, 2] = -modes[0, i]
+        matrix[i, 3] = -modes[1, i]
+    matrix[0, 4] = ex
+    matrix[1, 4] = hy
+    matrix[2, 4] = ey
+    matrix[3, 4] = -hx
+    _solve(matrix)
+
+    # Hand out fields, directions and shares
+    for j in range(2):
+        label = 2.0 + j
+        _store(modes, j, matrix[2 + j, 4], incident_flux, frame, xi, label, out, j)
+        _store(modes, 2 + j, matrix[j, 4], incident_flux, frame, xi, label, out, 2 + j)
+    if medium_1[KIND] == ISOTROPIC:
+        _join(out, 0)
+    if medium_2[KIND] == ISOTROPIC:
+        _join(out, 2)
+    return incident_flux
+
+
+@kernel
+def interface_batch(
+    media: Array,
+    first: Array,
+    second: Array,
+    refraction_vectors: Array,
+    fields: Array,
+    normals: Array,
+    out: Array,
+    flux: Array,
+) -> None:
+    """`interface_event` for a column of n waves.
+
+    Parameters
+    ----------
+    media : (m, ROW) float64
+    first, second : (n,) int, rows of ``media`` before and behind the interface
+    refraction_vectors : (n, 3) float64
+    fields : (n, 3) complex128
+    normals : (n, 3) float64, unit, pointing into the second medium
+    out : (n, 4, WAVE) float64
+    flux : (n,) float64, incident flux through the interface
+    """
+    work, cwork, modes, frame = interface_scratch()
+    for i in range(first.shape[0]):
+        flux[i] = interface_event(
+            media[first[i]],
+            media[second[i]],
+            refraction_vectors[i, 0],
+            refraction_vectors[i, 1],
+            refraction_vectors[i, 2],
+            fields[i],
+            normals[i, 0],
+            normals[i, 1],
+            normals[i, 2],
+            out[i],
+            work,
+            cwork,
+            modes,
+            frame,
+        )
