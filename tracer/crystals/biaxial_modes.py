@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from raymap.kernels import kernel
-from tracer.crystals.quartic import booker_coefficients, factor_quartic
+from tracer.crystals.quartic import booker_coefficients, factor_quartic, factor_with_root
 
 __all__ = ["biaxial_forward_modes"]
 
@@ -264,15 +264,20 @@ def _out_of_order(
 
 @kernel
 def biaxial_forward_modes(
-    frame: Array, xi: float, modes: Array, k: int, work: Array, cwork: Array
+    frame: Array, xi: float, hint: float, modes: Array, k: int, work: Array, cwork: Array
 ) -> None:
-    """The two forward waves of any real symmetric positive tensor; fast before slow."""
+    """The two forward waves of any real symmetric positive tensor; fast before slow.
+
+    ``hint``: q of a known backward wave that is close to its forward partner, or nan.
+    """
     xi_used = xi
     for attempt in range(3):
         a3, a2, a1, a0 = booker_coefficients(
             frame[0], frame[1], frame[2], frame[3], frame[4], frame[5], xi_used
         )
         b1, c1, b2, c2 = factor_quartic(a3, a2, a1, a0)
+        if not math.isnan(hint):
+            b1, c1, b2, c2 = factor_with_root(a3, a2, a1, a0, b1, c1, b2, c2, hint)
         d1 = 0.25 * b1 * b1 - c1
         d2 = 0.25 * b2 * b2 - c2
 

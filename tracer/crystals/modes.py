@@ -54,11 +54,16 @@ def complete_mode(modes: Array, k: int, frame: Array, xi: float) -> None:
 
 
 @kernel
-def _isotropic(n2: float, xi: float, modes: Array, k: int) -> None:
+def _isotropic(n2: float, xi: float, hint: float, modes: Array, k: int) -> None:
     """s, then p."""
     square = n2 - xi * xi
-    travelling = 1.0 if square >= 0.0 else 0.0
-    q = complex(math.sqrt(square), 0.0) if square >= 0.0 else complex(0.0, math.sqrt(-square))
+    travelling = 1.0 if square >= 0.0 or hint < 0.0 else 0.0
+    if hint < 0.0:
+        q = complex(-hint, 0.0)
+    elif square >= 0.0:
+        q = complex(math.sqrt(square), 0.0)
+    else:
+        q = complex(0.0, math.sqrt(-square))
     _put(modes, k, 0.0j, 0.0j, 1.0 + 0.0j, -q)
     modes[k, 4] = 0.0
     _put(modes, k + 1, q / n2, 1.0 + 0.0j, 0.0j, 0.0j)
@@ -95,7 +100,15 @@ def _axis_across(
 
 @kernel
 def _uniaxial(
-    eo: float, ee: float, cx: float, cy: float, cz: float, xi: float, modes: Array, k: int
+    eo: float,
+    ee: float,
+    cx: float,
+    cy: float,
+    cz: float,
+    xi: float,
+    hint: float,
+    modes: Array,
+    k: int,
 ) -> bool:
     """Ordinary, then extraordinary; False where both are evanescent and nearly the same wave."""
     # Solve both dispersion equations
@@ -104,10 +117,25 @@ def _uniaxial(
     a = eo + de * cz * cz
     b = de * xi * cx * cz
     square_e = eo * (ee * a - xi * xi * (eo + de * (cx * cx + cz * cz)))
+    root_o = math.sqrt(max(square_o, 0.0))
+    root_e = math.sqrt(max(square_e, 0.0))
+
+    # A grazing wave knows its own partner better than a difference of squares does
+    if not math.isnan(hint):
+        hint_o = -hint
+        hint_e = -(a * hint + b)
+        miss_o = abs(hint_o * hint_o - square_o)
+        miss_e = abs(hint_e * hint_e - square_e)
+        if hint_o > 0.0 and miss_o <= miss_e and miss_o < 1e-12:
+            root_o = hint_o
+            square_o = root_o * root_o
+        elif hint_e > 0.0 and miss_e < 1e-12:
+            root_e = hint_e
+            square_e = root_e * root_e
 
     # Ordinary wave: E across both the wave normal and the optic axis
     if square_o >= 0.0:
-        q = math.sqrt(square_o)
+        q = root_o
         tx, ty, tz, _ = _axis_across(xi, q, cx, cy, cz)
         n = math.sqrt(eo)
         kx = xi / n
@@ -129,7 +157,7 @@ def _uniaxial(
 
     # Extraordinary wave: D in the plane of wave normal and axis
     if square_e >= 0.0:
-        q = (math.sqrt(square_e) - b) / a
+        q = (root_e - b) / a
         tx, ty, tz, _ = _axis_across(xi, q, cx, cy, cz)
         along = (1.0 / ee - 1.0 / eo) * (cx * tx + cy * ty + cz * tz)
         ex = tx / eo + along * cx
@@ -218,6 +246,7 @@ def forward_modes(
     cy: float,
     cz: float,
     xi: float,
+    hint: float,
     modes: Array,
     k: int,
     work: Array,
@@ -232,16 +261,18 @@ def forward_modes(
     eo, ee : n_o^2 and n_e^2 (uniaxial), n^2 in ``eo`` (isotropic)
     cx, cy, cz : optic axis in the interface frame (uniaxial)
     xi : tangential component of the refraction vector
+    hint : q of a known backward wave at grazing incidence, else nan; its forward partner is then
+        computed from it instead of from a difference of nearly equal squares
     work, cwork : (3, 4, 4) float64 and (2, 4, 4) complex128, scratch
 
     Order: s, p; ordinary, extraordinary; fast (smaller q), slow.
     """
     if kind == ISOTROPIC:
-        _isotropic(eo, xi, modes, k)
+        _isotropic(eo, xi, hint, modes, k)
         return
-    closed = kind != BIAXIAL and _uniaxial(eo, ee, cx, cy, cz, xi, modes, k)
+    closed = kind != BIAXIAL and _uniaxial(eo, ee, cx, cy, cz, xi, hint, modes, k)
     if not closed:
-        biaxial_forward_modes(frame, xi, modes, k, work, cwork)
+        biaxial_forward_modes(frame, xi, hint, modes, k, work, cwork)
     orthogonalise_pair(modes, k)
     complete_mode(modes, k, frame, xi)
     complete_mode(modes, k + 1, frame, xi)

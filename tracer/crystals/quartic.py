@@ -16,7 +16,7 @@ import math
 
 from raymap.kernels import kernel
 
-__all__ = ["booker_coefficients", "factor_quartic", "largest_cubic_root"]
+__all__ = ["booker_coefficients", "factor_quartic", "factor_with_root", "largest_cubic_root"]
 
 
 @kernel
@@ -114,3 +114,46 @@ def factor_quartic(a3: float, a2: float, a1: float, a0: float) -> tuple[float, f
         if abs(step_b) + abs(step_c) < 1e-15 * (1.0 + abs(c1)):
             break
     return b1, c1, b2, c2
+
+
+@kernel
+def factor_with_root(
+    a3: float,
+    a2: float,
+    a1: float,
+    a0: float,
+    b1: float,
+    c1: float,
+    b2: float,
+    c2: float,
+    root: float,
+) -> tuple[float, float, float, float]:
+    """The factors of `factor_quartic` anew, from one accurately known root.
+
+    Two roots that nearly meet across the factors are ill conditioned together; with one of them
+    given the other is not.
+    """
+    # Deflate the quartic by the known root
+    e2 = a3 + root
+    e1 = a2 + root * e2
+    e0 = a1 + root * e1
+    residual_1 = abs((root + b1) * root + c1)
+    residual_2 = abs((root + b2) * root + c2)
+    if min(residual_1, residual_2) > 1e-4:
+        return b1, c1, b2, c2
+
+    # Find the other root of the factor that holds it, where that is real and stands apart
+    b = b1 if residual_1 < residual_2 else b2
+    other = -b - root
+    for _ in range(3):
+        slope = (3.0 * other + 2.0 * e2) * other + e1
+        if abs(slope) < 1e-3:
+            return b1, c1, b2, c2
+        other -= (((other + e2) * other + e1) * other + e0) / slope
+
+    # Deflate again
+    rest_b = e2 + other
+    rest_c = e1 + other * rest_b
+    if residual_1 < residual_2:
+        return -(root + other), root * other, rest_b, rest_c
+    return rest_b, rest_c, -(root + other), root * other
