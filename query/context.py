@@ -1,0 +1,311 @@
+"""What criteria are evaluated on: rays as runs of points, from path dictionaries or portions.
+
+A `PathContext` holds one entry per different path: columns that paths do not have are unknown
+there. A `RayContext` holds chosen rays of one portion exactly: what their path decides is taken
+from the path, and only the streams that are touched are read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from query.scans import expand_rows, ray_offsets
+from raymap.directory import ChannelSet
+from raymap.events import Event
+from raymap.paths import PathDictionary
+from raymap.portion import Descriptors
+
+if TYPE_CHECKING:
+    from query.bound import BoundNode
+
+__all__ = ["Cancelled", "Context", "Pair", "PathContext", "RayContext", "StoredRays", "offsets_of"]
+
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.integer]
+
+
+class Cancelled(Exception):
+    """The search was cancelled; what was found so far stays valid."""
+
+
+class Pair(NamedTuple):
+    """Kleene truth of many points or rays: true where certain, false where not possible."""
+
+    certain: Bools
+    possible: Bools
+
+    @property
+    def exact(self) -> bool:
+        return self.certain is self.possible
+
+
+class StoredRays(Protocol):
+    """What a portion must offer (a `StoredPortion` does)."""
+
+    @property
+    def n_rays(self) -> int: ...
+    @property
+    def channel_set(self) -> int: ...
+    def paths(self) -> PathDictionary: ...
+    def path_numbers(self) -> NDArray[np.uint32]: ...
+    def descriptors(self) -> Descriptors: ...
+    def column(self, name: str) -> NDArray[np.generic]: ...
+    def color_table(self) -> NDArray[np.uint16]: ...
+
+
+def offsets_of(counts: Ints) -> NDArray[np.int64]:
+    """(n + 1,) running sum that begins with 0."""
+    offsets = np.zeros(len(counts) + 1, np.int64)
+    np.cumsum(counts, out=offsets[1:])
+    return offsets
+
+
+class Context:
+    """Columns of rays and their points; None where a column is unknown."""
+
+    n_rays: int
+
+    def __init__(self) -> None:
+        self.point_results: dict[BoundNode, Pair] = {}
+        self.ray_results: dict[BoundNode, Pair] = {}
+
+    # Columns are properties of the subclasses; the same names are columns of PathDictionary.
+    source: Ints
+    offsets: Ints
+    object: Ints
+    face: Ints
+    event: Ints
+    medium: Ints
+    meeting_offsets: Ints
+    detector: Ints
+    registered: Bools
+
+    @property
+    def n_points(self) -> int:
+        return int(self.offsets[-1])
+
+    @cached_property
+    def last_rows(self) -> Ints:
+        """(n_rays,) row of the last point of each ray."""
+        return self.offsets[1:] - 1
+
+    @cached_property
+    def lengths(self) -> Ints:
+        """(n_rays,) number of points of each ray."""
+        return np.diff(self.offsets)
+
+    @cached_property
+    def left(self) -> Bools:
+        """(n_rays,) the ray left the scene."""
+        return (self.event[self.last_rows] & int(Event.LEFT_SCENE)) != 0
+
+    @cached_property
+    def ray_meeting_offsets(self) -> Ints:
+        """(n_rays + 1,) meetings of each ray."""
+        return self.meeting_offsets[self.offsets]
+
+    # Streams beyond the path: unknown unless a subclass reads them.
+
+    @property
+    def triangle(self) -> Ints | None:
+        return None
+
+    @property
+    def uv(self) -> NDArray[np.uint16] | None:
+        return None
+
+
+class PathContext(Context):
+    """Different paths as if each were one ray."""
+
+    def __init__(self, paths: PathDictionary) -> None:
+        super().__init__()
+        self.paths = paths
+        self.n_rays = paths.n_paths
+
+    source = property(lambda self: self.paths.source)  # type: ignore[assignment]
+    offsets = property(lambda self: self.paths.offsets)  # type: ignore[assignment]
+    object = property(lambda self: self.paths.object)  # type: ignore[assignment]
+    face = property(lambda self: self.paths.face)  # type: ignore[assignment]
+    event = property(lambda self: self.paths.event)  # type: ignore[assignment]
+    medium = property(lambda self: self.paths.medium)  # type: ignore[assignment]
+    meeting_offsets = property(  # type: ignore[assignment]
+        lambda self: self.paths.detector_offsets
+    )
+    detector = property(lambda self: self.paths.detector)  # type: ignore[assignment]
+    registered = property(lambda self: self.paths.registered)  # type: ignore[assignment]
+
+    @cached_property
+    def meetings_of_path(self) -> Ints:
+        """(n_paths,) number of meetings."""
+        return np.diff(self.ray_meeting_offsets)
+
+
+class RayContext(Context):
+    """Chosen rays of one portion, exactly.
+
+    Parameters
+    ----------
+    portion : where the rays are stored
+    base : the paths that ``path_of_ray`` numbers
+    path_of_ray : (portion's rays,) path of each ray in ``base``
+    rays : increasing indices of the chosen rays in the portion, None for all
+    check : called before each stream is read; raises `Cancelled` when the search was cancelled
+    """
+
+    def __init__(
+        self,
+        portion: StoredRays,
+        base: PathContext,
+        path_of_ray: Ints,
+        rays: Ints | None,
+        channel_sets: Sequence[ChannelSet],
+        check: Callable[[], None] = lambda: None,
+    ) -> None:
+        super().__init__()
+        self.portion, self.base, self.rays, self.check = portion, base, rays, check
+        self.all_paths = path_of_ray
+        self.path = path_of_ray if rays is None else path_of_ray[rays]
+        self.n_rays = len(self.path)
+        self.channel_sets = channel_sets
+
+    @cached_property
+    def offsets(self) -> Ints:  # type: ignore[override]
+        return ray_offsets(self.base.offsets, self.path)
+
+    @cached_property
+    def rows(self) -> Ints:
+        """(n_points,) rows of the base that the points of the rays are."""
+        return expand_rows(self.base.offsets[:-1][self.path], self.offsets)
+
+    @cached_property
+    def starts(self) -> Ints:
+        """(n_rays,) first record of each ray in the portion."""
+        begins = offsets_of(self.base.lengths[self.all_paths])[:-1]
+        return begins if self.rays is None else begins[self.rays]
+
+    @cached_property
+    def ends(self) -> Ints:
+        """(n_rays,) last record of each ray in the portion."""
+        return self.starts + self.lengths - 1
+
+    @cached_property
+    def records(self) -> Ints:
+        """(n_points,) records of the portion that the points are."""
+        return expand_rows(self.starts, self.offsets)
+
+    @cached_property
+    def lengths(self) -> Ints:  # type: ignore[override]
+        return self.base.lengths[self.path]
+
+    @cached_property
+    def left(self) -> Bools:  # type: ignore[override]
+        return self.base.left[self.path]
+
+    @cached_property
+    def source(self) -> Ints:  # type: ignore[override]
+        return self.base.source[self.path]
+
+    @cached_property
+    def object(self) -> Ints:  # type: ignore[override]
+        return self.base.object[self.rows]
+
+    @cached_property
+    def face(self) -> Ints:  # type: ignore[override]
+        return self.base.face[self.rows]
+
+    @cached_property
+    def event(self) -> Ints:  # type: ignore[override]
+        return self.base.event[self.rows]
+
+    @cached_property
+    def medium(self) -> Ints:  # type: ignore[override]
+        return self.base.medium[self.rows]
+
+    @cached_property
+    def ray_meeting_offsets(self) -> Ints:  # type: ignore[override]
+        return offsets_of(self.base.meetings_of_path[self.path])
+
+    @cached_property
+    def meeting_offsets(self) -> Ints:  # type: ignore[override]
+        return offsets_of(np.diff(self.base.meeting_offsets)[self.rows])
+
+    @cached_property
+    def _base_meetings(self) -> Ints:
+        starts = self.base.ray_meeting_offsets[:-1][self.path]
+        return expand_rows(starts, self.ray_meeting_offsets)
+
+    @cached_property
+    def detector(self) -> Ints:  # type: ignore[override]
+        return self.base.detector[self._base_meetings]
+
+    @cached_property
+    def registered(self) -> Bools:  # type: ignore[override]
+        return self.base.registered[self._base_meetings]
+
+    @cached_property
+    def descriptor_rows(self) -> Ints | None:
+        """(n_meetings,) rows among the portion's descriptors; None for all of them."""
+        if self.rays is None:
+            return None
+        begins = offsets_of(self.base.meetings_of_path[self.all_paths])[:-1]
+        return expand_rows(begins[self.rays], self.ray_meeting_offsets)
+
+    @cached_property
+    def triangle(self) -> Ints:  # type: ignore[override]
+        self.check()
+        column = self.portion.column("triangle")
+        return column if self.rays is None else column[self.records]  # type: ignore[return-value]
+
+    @cached_property
+    def uv(self) -> NDArray[np.uint16]:  # type: ignore[override]
+        self.check()
+        uv = self.portion.descriptors().uv
+        return uv if self.descriptor_rows is None else uv[self.descriptor_rows]
+
+    @cached_property
+    def position(self) -> NDArray[np.float32]:
+        """(records of the portion, 3), to be used with `starts`."""
+        self.check()
+        return self.portion.column("position")  # type: ignore[return-value]
+
+    @cached_property
+    def normal(self) -> NDArray[np.int16]:
+        """(records of the portion, 3), to be used with `starts`."""
+        self.check()
+        return self.portion.column("normal")  # type: ignore[return-value]
+
+    @cached_property
+    def weight(self) -> NDArray[np.float64]:
+        self.check()
+        column = self.portion.column("weight").astype(np.float64)
+        return column if self.rays is None else column[self.rays]
+
+    @cached_property
+    def channel_set(self) -> ChannelSet:
+        return self.channel_sets[self.portion.channel_set]
+
+    @cached_property
+    def channels(self) -> Bools:
+        """(n_colors, n_channels), which channels carry light in each colour code."""
+        own = np.eye(self.channel_set.n_channels, dtype=np.bool_)
+        return np.concatenate((own, self.portion.color_table() > 0))
+
+    @cached_property
+    def last_color(self) -> Ints:
+        """(n_rays,) colour code of each ray's last record."""
+        self.check()
+        return self.portion.column("color_code")[self.ends]  # type: ignore[return-value]
+
+    @cached_property
+    def wavelength(self) -> NDArray[np.float64]:
+        """(n_rays,) [nm], NaN while several channels carry light."""
+        wavelengths = np.array(self.channel_set.wavelengths_nm)
+        single = self.channels.sum(axis=1) == 1
+        of_color = np.where(single, wavelengths[np.argmax(self.channels, axis=1)], np.nan)
+        return of_color[self.last_color]

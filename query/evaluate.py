@@ -1,0 +1,403 @@
+"""A bound criterion on a context: true, false or unknown for every ray.
+
+One evaluator serves both contexts. On path dictionaries streams beyond the path are unknown and
+the answer is a Kleene pair; on rays with their streams the pair is exact. `count` is the interval
+[certain, possible].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from query import bound as b
+from query.bind import COMPARISONS
+from query.context import Context, Pair, RayContext
+from query.measures import incidence_angles, optical_lengths, path_lengths
+from query.path_machine import PRINCIPAL
+from query.scans import (
+    any_before_last,
+    any_of_ray,
+    count_of_ray,
+    look_up,
+    mark_events,
+    match_path,
+    match_sequence,
+)
+from raymap.schema import UV_SCALE
+
+__all__ = ["evaluate"]
+
+Bools = NDArray[np.bool_]
+
+
+def evaluate(context: Context, node: b.BoundNode) -> Pair:
+    """Truth of a criterion for every ray of the context."""
+    known = context.ray_results.get(node)
+    if known is None:
+        if isinstance(context, RayContext) and not node.streams:
+            # The path decides: no need to look at the ray.
+            known = _gather(evaluate(context.base, node), context.path)
+        else:
+            known = _RAY[type(node)](context, node)
+        context.ray_results[node] = known
+    return known
+
+
+def at_points(context: Context, node: b.BoundNode) -> Pair:
+    """Truth of a point condition at every point of the context."""
+    known = context.point_results.get(node)
+    if known is None:
+        if isinstance(context, RayContext) and not node.streams:
+            known = _gather(at_points(context.base, node), context.rows)
+        else:
+            known = _POINT[type(node)](context, node)
+        context.point_results[node] = known
+    return known
+
+
+def _gather(pair: Pair, rows: NDArray[np.integer]) -> Pair:
+    certain = pair.certain[rows]
+    return Pair(certain, certain)
+
+
+def _both(mask: Bools) -> Pair:
+    return Pair(mask, mask)
+
+
+def _map(pair: Pair, function: Callable[[Bools], Bools]) -> Pair:
+    """Apply a monotone function to both sides."""
+    certain = function(pair.certain)
+    return Pair(certain, certain if pair.exact else function(pair.possible))
+
+
+def _unknown(context: Context) -> Pair:
+    return Pair(np.zeros(context.n_rays, np.bool_), np.ones(context.n_rays, np.bool_))
+
+
+# Logic, the same for points and for rays.
+
+
+def _negate(pair: Pair) -> Pair:
+    certain = ~pair.possible
+    return Pair(certain, certain if pair.exact else ~pair.certain)
+
+
+def _combine(operator: str, pairs: Sequence[Pair]) -> Pair:
+    if operator == "not":
+        return _negate(pairs[0])
+    result = pairs[0]
+    for pair in pairs[1:]:
+        exact = result.exact and pair.exact
+        if operator == "xor" and not exact:
+            result = Pair(
+                (result.certain & ~pair.possible) | (pair.certain & ~result.possible),
+                (result.possible & ~pair.certain) | (pair.possible & ~result.certain),
+            )
+            continue
+        join = {"and": np.logical_and, "or": np.logical_or, "xor": np.logical_xor}[operator]
+        certain = join(result.certain, pair.certain)
+        result = Pair(certain, certain if exact else join(result.possible, pair.possible))
+    return result
+
+
+def _ray_logic(context: Context, node: b.BoundLogic) -> Pair:
+    return _combine(node.operator, [evaluate(context, arg) for arg in node.args])
+
+
+def _point_logic(context: Context, node: b.BoundLogic) -> Pair:
+    return _combine(node.operator, [at_points(context, arg) for arg in node.args])
+
+
+def _point_all(context: Context, node: b.BoundAll) -> Pair:
+    return _combine("and", [at_points(context, arg) for arg in node.args])
+
+
+# Point conditions.
+
+
+def _point_hit(context: Context, node: b.BoundHit) -> Pair:
+    if node.any_place:
+        return _both(_events(context, node.events))
+    place = _places(context, node)
+    # Emission is not a hit.
+    if context.n_rays:
+        for mask in {id(m): m for m in place}.values():
+            mask[context.offsets[:-1]] = False
+    if not node.events:
+        return place
+    happened = _events(context, node.events)
+    return _map(place, lambda mask: mask & happened)
+
+
+def _places(context: Context, node: b.BoundHit) -> Pair:
+    certain = np.zeros(context.n_points, np.bool_)
+    maybe = None
+    for match in node.places:
+        if match.triangle >= 0:
+            on_face = look_up(match.faces, context.face)
+            triangle = context.triangle
+            if triangle is None:
+                maybe = on_face if maybe is None else maybe | on_face
+            else:
+                certain |= on_face & (triangle == match.triangle)
+            continue
+        if match.objects.any():
+            certain |= look_up(match.objects, context.object)
+        if match.faces.any():
+            certain |= look_up(match.faces, context.face)
+    return Pair(certain, certain if maybe is None else certain | maybe)
+
+
+def _events(context: Context, events: b.EventMasks) -> Bools:
+    result: Bools | None = None
+    for masks in events:
+        one = mark_events(context.event, masks[0])
+        for mask in masks[1:]:
+            one &= mark_events(context.event, mask)
+        result = one if result is None else result | one
+    assert result is not None
+    return result
+
+
+def _some_point(context: Context, node: b.BoundNode) -> Pair:
+    """A point condition asked of a ray: at some point."""
+    return _map(at_points(context, node), lambda mask: any_of_ray(mask, context.offsets))
+
+
+def _last(context: Context, node: b.BoundLast) -> Pair:
+    return _map(at_points(context, node.point), lambda mask: mask[context.last_rows])
+
+
+# Sources, media, detectors.
+
+
+def _source(context: Context, node: b.BoundSource) -> Pair:
+    return _both(look_up(node.table, context.source))
+
+
+def _medium(context: Context, node: b.BoundMedium) -> Pair:
+    # No segment starts at the last point.
+    return _both(any_before_last(look_up(node.table, context.medium), context.offsets))
+
+
+def _meetings(context: Context, node: b.BoundDetected) -> Pair:
+    """Truth at every meeting of a segment with a detector."""
+    met = look_up(node.table, context.detector)
+    if node.registered:
+        met &= context.registered
+    if not node.regions:
+        return _both(met)
+    uv = context.uv
+    if uv is None:
+        return Pair(np.zeros_like(met), met)
+    inside = np.zeros_like(met)
+    for detector, regions in node.regions.items():
+        chosen = np.flatnonzero(met & (context.detector == detector))
+        place = uv[chosen].astype(np.float64)
+        here = np.zeros(len(chosen), np.bool_)
+        for region in regions:
+            here |= _inside(region, place)
+        inside[chosen] = here
+    return _both(inside)
+
+
+def _inside(region: b.BoundRegion, uv: NDArray[np.float64]) -> Bools:
+    x = uv[:, 0] * region.cells[0] / UV_SCALE
+    y = uv[:, 1] * region.cells[1] / UV_SCALE
+    first, second, third, fourth = region.numbers
+    inside: Bools
+    if region.shape == "rect":
+        inside = (first <= x) & (x < third) & (second <= y) & (y < fourth)
+    else:
+        inside = ((x - first) / third) ** 2 + ((y - second) / fourth) ** 2 <= 1
+    return inside
+
+
+def _detected(context: Context, node: b.BoundDetected) -> Pair:
+    offsets = context.ray_meeting_offsets
+    return _map(_meetings(context, node), lambda mask: any_of_ray(mask, offsets))
+
+
+# Order and path expressions: monotone in their marks, so each side of the pair is one run.
+
+
+def _then(context: Context, node: b.BoundThen) -> Pair:
+    is_detector = np.array([isinstance(arg, b.BoundDetected) for arg in node.args])
+    pairs = [
+        _meetings(context, arg) if isinstance(arg, b.BoundDetected) else at_points(context, arg)
+        for arg in node.args
+    ]
+    begins = np.concatenate(([0], np.cumsum([len(pair.certain) for pair in pairs])))[:-1]
+
+    def run(masks: list[Bools]) -> Bools:
+        return match_sequence(
+            context.offsets,
+            is_detector,
+            np.concatenate(masks),
+            begins,
+            context.meeting_offsets,
+        )
+
+    certain = run([pair.certain for pair in pairs])
+    if all(pair.exact for pair in pairs):
+        return _both(certain)
+    return Pair(certain, run([pair.possible for pair in pairs]))
+
+
+def _path(context: Context, node: b.BoundPath) -> Pair:
+    machine = node.machine
+    triangle = context.triangle if machine.needs_triangles else None
+
+    def run(triangle_mode: int) -> Bools:
+        return match_path(
+            context.source,
+            context.offsets,
+            context.object,
+            context.face,
+            context.event,
+            np.empty(0, np.int32) if triangle is None else triangle,
+            triangle_mode,
+            context.meeting_offsets if machine.needs_detectors else np.empty(0, np.int64),
+            context.detector if machine.needs_detectors else np.empty(0, np.int16),
+            context.registered if machine.needs_detectors else np.empty(0, np.bool_),
+            machine.kind,
+            machine.sources,
+            machine.objects,
+            machine.faces,
+            machine.triangle,
+            machine.placeless,
+            machine.event_masks,
+            machine.detectors,
+            machine.follow,
+            machine.first,
+            machine.last,
+            machine.exact,
+            machine.needs_detectors,
+            PRINCIPAL,
+        )
+
+    if not machine.needs_triangles:
+        return _both(run(0))
+    if triangle is not None:
+        return _both(run(2))
+    return Pair(run(0), run(1))
+
+
+# Quantities. A comparison with something undefined is false, also `!=`.
+
+
+def _compare(operator: str, values: NDArray[np.generic], value: float) -> Bools:
+    result: Bools = COMPARISONS[operator](values, value)
+    if values.dtype.kind == "f":
+        result = result & ~np.isnan(values)
+    return result
+
+
+def _count(context: Context, node: b.BoundCount) -> Pair:
+    pair = at_points(context, node.point)
+    least = count_of_ray(pair.certain, context.offsets)
+    if pair.exact:
+        return _both(_compare(node.operator, least, node.value))
+    most = count_of_ray(pair.possible, context.offsets)
+    return interval(node.operator, least, most, node.value)
+
+
+def interval(
+    operator: str, least: NDArray[np.integer], most: NDArray[np.integer], value: float
+) -> Pair:
+    """Compare whole numbers known to lie in [least, most], all of which are possible."""
+    if operator in ("==", "!="):
+        whole = float(value).is_integer()
+        possible = (least <= value) & (value <= most) & whole
+        certain = possible & (least == most)
+        equal = Pair(certain, possible)
+        return equal if operator == "==" else _negate(equal)
+    compare = COMPARISONS[operator]
+    low, high = compare(least, value), compare(most, value)
+    return Pair(low & high, low | high)
+
+
+def _bounces(context: Context, node: b.BoundBounces) -> Pair:
+    between = np.maximum(context.lengths - 2, 0)
+    return _both(_compare(node.operator, between, node.value))
+
+
+def _flux(context: Context, node: b.BoundFlux) -> Pair:
+    flux = node.per_weight[context.source]
+    if node.weighted:
+        if not isinstance(context, RayContext):
+            return _unknown(context)
+        flux = flux * context.weight
+    return _both(_compare(node.operator, flux, node.value))
+
+
+def _wavelength(context: Context, node: b.BoundWavelength) -> Pair:
+    if not node.possible:
+        return _both(np.zeros(context.n_rays, np.bool_))
+    if not isinstance(context, RayContext):
+        return _unknown(context)
+    return _both(_compare(node.operator, context.wavelength, node.value))
+
+
+def _length(context: Context, node: b.BoundLength) -> Pair:
+    if not isinstance(context, RayContext):
+        return _unknown(context)
+    return _both(_compare(node.operator, _lengths(context, node.optical), node.value))
+
+
+def _lengths(context: RayContext, optical: bool) -> NDArray[np.float64]:
+    if not optical:
+        return path_lengths(context.position, context.starts, context.lengths, context.left)
+    channel_set = context.channel_set
+    shape = (-1, channel_set.n_channels)
+    return optical_lengths(
+        context.position,
+        context.starts,
+        context.lengths,
+        context.left,
+        context.medium,
+        context.offsets,
+        context.last_color,
+        context.channels,
+        np.array(channel_set.refractive_index, np.float64).reshape(shape),
+    )
+
+
+def _incidence(context: Context, node: b.BoundIncidence) -> Pair:
+    points = at_points(context, node.point)
+    if not isinstance(context, RayContext):
+        met = _map(points, lambda mask: any_of_ray(mask, context.offsets))
+        return Pair(np.zeros_like(met.possible), met.possible)
+    on_surface = points.certain & (context.object >= 0)
+    angles = incidence_angles(
+        context.position, context.normal, context.starts, context.offsets, on_surface
+    )
+    return _both(any_of_ray(_compare(node.operator, angles, node.value), context.offsets))
+
+
+_RAY: dict[type[b.BoundNode], Callable[..., Pair]] = {
+    b.BoundSource: _source,
+    b.BoundHit: _some_point,
+    b.BoundAll: _some_point,
+    b.BoundLogic: _ray_logic,
+    b.BoundDetected: _detected,
+    b.BoundMedium: _medium,
+    b.BoundLast: _last,
+    b.BoundThen: _then,
+    b.BoundPath: _path,
+    b.BoundCount: _count,
+    b.BoundBounces: _bounces,
+    b.BoundFlux: _flux,
+    b.BoundWavelength: _wavelength,
+    b.BoundLength: _length,
+    b.BoundIncidence: _incidence,
+}
+
+_POINT: dict[type[b.BoundNode], Callable[..., Pair]] = {
+    b.BoundHit: _point_hit,
+    b.BoundAll: _point_all,
+    b.BoundLogic: _point_logic,
+}

@@ -1,0 +1,125 @@
+"""Compiled measures of rays that need positions: lengths and angles of incidence."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raymap.kernels import kernel
+
+__all__ = ["incidence_angles", "optical_lengths", "path_lengths"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.integer]
+
+
+@kernel
+def _distance(position: NDArray[np.float32], row: int) -> float:
+    """Length of the segment that starts at a row."""
+    dx = float(position[row + 1, 0]) - float(position[row, 0])
+    dy = float(position[row + 1, 1]) - float(position[row, 1])
+    dz = float(position[row + 1, 2]) - float(position[row, 2])
+    return math.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@kernel
+def path_lengths(
+    position: NDArray[np.float32], starts: Ints, n_points: Ints, left: NDArray[np.bool_]
+) -> Floats:
+    """Sum of the segments of each ray [scene units], without the last one of a ray that left.
+
+    Parameters
+    ----------
+    position : (n_records, 3) float32
+    starts, n_points : (n_rays,), first record and number of records of each ray
+    left : (n_rays,), the ray left the scene
+    """
+    out = np.zeros(len(starts))
+    for ray in range(len(starts)):
+        total = 0.0
+        end = starts[ray] + n_points[ray] - 1 - left[ray]
+        for row in range(starts[ray], end):
+            total += _distance(position, row)
+        out[ray] = total
+    return out
+
+
+@kernel
+def optical_lengths(
+    position: NDArray[np.float32],
+    starts: Ints,
+    n_points: Ints,
+    left: NDArray[np.bool_],
+    medium: Ints,
+    medium_offsets: Ints,
+    color: Ints,
+    channels: NDArray[np.bool_],
+    index: Floats,
+) -> Floats:
+    """Sum of refractive index x length of each ray [scene units]; NaN where it is undefined.
+
+    Parameters
+    ----------
+    medium : (n_points,) of the rays one after the other; ``medium_offsets`` : (n_rays + 1,)
+    color : (n_rays,), row of ``channels`` that says in which channels the light is
+    channels : (n_colors, n_channels) bool
+    index : (n_media, n_channels); undefined where the channels of a ray disagree
+    """
+    out = np.zeros(len(starts))
+    n_channels = channels.shape[1]
+    for ray in range(len(starts)):
+        total = 0.0
+        for step in range(n_points[ray] - 1 - left[ray]):
+            which = medium[medium_offsets[ray] + step]
+            n = np.nan
+            if 0 <= which < index.shape[0]:
+                # All channels with light must agree on the index.
+                seen = False
+                for channel in range(n_channels):
+                    if channels[color[ray], channel]:
+                        if seen and index[which, channel] != n:
+                            n = np.nan
+                            break
+                        n = index[which, channel]
+                        seen = True
+            total += n * _distance(position, starts[ray] + step)
+        out[ray] = total
+    return out
+
+
+@kernel
+def incidence_angles(
+    position: NDArray[np.float32],
+    normal: NDArray[np.int16],
+    starts: Ints,
+    offsets: Ints,
+    mask: NDArray[np.bool_],
+) -> Floats:
+    """Angle between the arriving ray and the normal at marked points [deg]; NaN elsewhere.
+
+    Parameters
+    ----------
+    starts : (n_rays,) first record; offsets : (n_rays + 1,) points of the rays in ``mask``
+    """
+    out = np.full(len(mask), np.nan)
+    for ray in range(len(starts)):
+        for point in range(offsets[ray] + 1, offsets[ray + 1]):
+            if not mask[point]:
+                continue
+            row = starts[ray] + point - offsets[ray]
+            # Direction of arrival and the normal, both unnormalised.
+            dot = 0.0
+            d2 = 0.0
+            n2 = 0.0
+            for axis in range(3):
+                d = float(position[row, axis]) - float(position[row - 1, axis])
+                n = float(normal[row, axis])
+                dot += d * n
+                d2 += d * d
+                n2 += n * n
+            if d2 > 0.0 and n2 > 0.0:
+                cos_i = min(abs(dot) / math.sqrt(d2 * n2), 1.0)
+                out[point] = math.degrees(math.acos(cos_i))
+    return out

@@ -1,0 +1,248 @@
+"""Names in criteria: whole names, ``*`` and ``?`` wildcards, ``\\`` escapes, objects and faces.
+
+Names are case-sensitive and matched as a whole. In ``object.face`` the two are split at the last
+``.`` that is not escaped; a face part ``#123`` means primitive 123 of the object.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raymap.directory import Directory
+from raymap.errors import UnknownName
+
+__all__ = [
+    "FaceNames",
+    "ObjectMatch",
+    "canonical",
+    "escape",
+    "match_indices",
+    "match_objects",
+    "nearest_names",
+    "split_face",
+    "unescape",
+]
+
+SPECIAL = "*?.\\#:@()|{}+ ,"
+"""Characters that keep their backslash in a canonical pattern."""
+
+
+def canonical(pattern: str) -> str:
+    """The one spelling of a pattern: backslashes stand before special characters only."""
+    out = []
+    position = 0
+    while position < len(pattern):
+        character = pattern[position]
+        if character == "\\":
+            position += 1
+            following = pattern[position] if position < len(pattern) else "\\"
+            out.append("\\" + following if following in SPECIAL else following)
+        else:
+            out.append(character)
+        position += 1
+    return "".join(out)
+
+
+def escape(name: str, special: str = "*?.\\#") -> str:
+    """Pattern that matches exactly this name."""
+    return "".join("\\" + character if character in special else character for character in name)
+
+
+def unescape(pattern: str) -> str:
+    """The name that a pattern without wildcards spells."""
+    return re.sub(r"\\(.)", r"\1", pattern, flags=re.DOTALL)
+
+
+def _pieces(pattern: str) -> list[tuple[str, bool]]:
+    """Characters of a pattern with a flag: was it escaped?"""
+    return [
+        (match.group(0)[-1], len(match.group(0)) == 2)
+        for match in re.finditer(r"\\.|.", pattern, flags=re.DOTALL)
+    ]
+
+
+def _regex(pattern: str) -> re.Pattern[str]:
+    parts = []
+    for character, escaped in _pieces(pattern):
+        if character == "*" and not escaped:
+            parts.append(".*")
+        elif character == "?" and not escaped:
+            parts.append(".")
+        else:
+            parts.append(re.escape(character))
+    return re.compile("".join(parts), flags=re.DOTALL)
+
+
+def split_face(pattern: str) -> tuple[str, str | None]:
+    """Split ``object.face`` at the last ``.`` that is not escaped."""
+    spans = [match.span() for match in re.finditer(r"\\.|.", pattern, flags=re.DOTALL)]
+    for start, end in reversed(spans):
+        if pattern[start:end] == ".":
+            return pattern[:start], pattern[end:]
+    return pattern, None
+
+
+def nearest_names(pattern: str, names: Iterable[str], count: int = 3) -> list[str]:
+    """Names that a person may have meant."""
+    wanted = unescape(pattern)
+    pool = list(dict.fromkeys(names))
+    close = difflib.get_close_matches(wanted, pool, n=count, cutoff=0.5)
+    folded = [name for name in pool if name.lower() == wanted.lower()]
+    return list(dict.fromkeys(folded + close))[:count]
+
+
+def unknown(kind: str, pattern: str, names: Sequence[str]) -> UnknownName:
+    """The error of a pattern that matches nothing, with the nearest names."""
+    near = nearest_names(pattern, names)
+    if near:
+        hint = "nearest: " + ", ".join(near)
+    elif names:
+        shown = ", ".join(names[:8]) + (" …" if len(names) > 8 else "")
+        hint = f"the map has: {shown}"
+    else:
+        hint = f"the map has no {kind}"
+    return UnknownName(f'no {kind} of this map is called "{pattern}"; {hint}')
+
+
+def match_indices(pattern: str, names: Sequence[str], kind: str) -> list[int]:
+    """Indices of the names that a pattern matches.
+
+    Raises
+    ------
+    UnknownName
+        the pattern matches nothing.
+    """
+    regex = _regex(pattern)
+    found = [index for index, name in enumerate(names) if regex.fullmatch(name)]
+    if not found:
+        raise unknown(kind, pattern, names)
+    return found
+
+
+class FaceNames:
+    """All names by which the faces of a map go, aliases included.
+
+    Attributes
+    ----------
+    objects : names of the objects, in order
+    entries : (owner's name, face's name, face index) for each face and each alias
+    """
+
+    def __init__(self, directory: Directory) -> None:
+        self.directory = directory
+        self.table = directory.faces
+        self.objects = [item.name for item in directory.objects]
+        self.entries: list[tuple[str, str, int]] = []
+        index = 0
+        for item in directory.objects:
+            for face in item.faces:
+                self.entries.append((item.name, face.name, index))
+                for alias in face.aliases:
+                    owner, _, name = alias.rpartition(".")
+                    self.entries.append((owner, name, index))
+                index += 1
+        self.n_faces = index
+
+    @property
+    def full_names(self) -> list[str]:
+        """Objects, then ``object.face`` of every face and alias."""
+        return self.objects + [f"{owner}.{name}" for owner, name, _ in self.entries]
+
+    def face_names_of(self, object_pattern: str) -> list[str]:
+        """Names of the faces of the matching objects."""
+        regex = _regex(object_pattern)
+        return [name for owner, name, _ in self.entries if regex.fullmatch(owner)]
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectMatch:
+    """What a name stands for.
+
+    Attributes
+    ----------
+    objects : (n_objects + 1,) bool, whole objects; the last entry answers for "none"
+    faces : (n_faces + 1,) bool, single faces
+    triangle : primitive number that is also required, -1 any
+    """
+
+    objects: NDArray[np.bool_]
+    faces: NDArray[np.bool_]
+    triangle: int = -1
+
+
+def _whole_objects(pattern: str, names: FaceNames) -> ObjectMatch | None:
+    regex = _regex(pattern)
+    objects = np.zeros(len(names.objects) + 1, np.bool_)
+    faces = np.zeros(names.n_faces + 1, np.bool_)
+    for index, name in enumerate(names.objects):
+        objects[index] = regex.fullmatch(name) is not None
+    for owner, _, face in names.entries:
+        if regex.fullmatch(owner) and not objects[names.table.object[face]]:
+            faces[face] = True
+    return ObjectMatch(objects, faces) if objects.any() or faces.any() else None
+
+
+def _single_faces(object_part: str, face_part: str, names: FaceNames) -> ObjectMatch | None:
+    owner_regex, face_regex = _regex(object_part), _regex(face_part)
+    faces = np.zeros(names.n_faces + 1, np.bool_)
+    for owner, name, face in names.entries:
+        if owner_regex.fullmatch(owner) and face_regex.fullmatch(name):
+            faces[face] = True
+    if not faces.any():
+        return None
+    return ObjectMatch(np.zeros(len(names.objects) + 1, np.bool_), faces)
+
+
+def _triangle(object_part: str, number: int, names: FaceNames) -> ObjectMatch | None:
+    """Faces that hold primitive ``number`` of a matching object, and the primitive."""
+    table = names.table
+    regex = _regex(object_part)
+    faces = np.zeros(names.n_faces + 1, np.bool_)
+    wanted = [index for index, name in enumerate(names.objects) if regex.fullmatch(name)]
+    inside = (table.first_primitive <= number) & (
+        number < table.first_primitive.astype(np.int64) + table.primitive_count
+    )
+    faces[:-1] = np.isin(table.object, wanted) & inside
+    if not faces.any():
+        return None
+    return ObjectMatch(np.zeros(len(names.objects) + 1, np.bool_), faces, number)
+
+
+def match_objects(pattern: str, names: FaceNames) -> ObjectMatch:
+    """Objects, faces or a primitive that a name stands for.
+
+    Raises
+    ------
+    UnknownName
+        the pattern matches nothing.
+    """
+    object_part, face_part = split_face(pattern)
+    found: ObjectMatch | None = None
+    if face_part is None:
+        found = _whole_objects(pattern, names)
+    elif re.fullmatch(r"#\d+", face_part):
+        found = _triangle(object_part, int(face_part[1:]), names)
+        if found is None and _whole_objects(object_part, names) is not None:
+            raise UnknownName(
+                f'"{pattern}": {object_part} has no primitive {face_part}; '
+                f"primitives are counted from 0"
+            )
+    else:
+        found = _single_faces(object_part, face_part, names)
+    # A name with a dot may be a whole object's; faces come first.
+    if found is None and face_part is not None:
+        found = _whole_objects(pattern, names)
+    if found is None:
+        if face_part is not None and (known := names.face_names_of(object_part)):
+            shown = ", ".join(dict.fromkeys(known))
+            raise UnknownName(
+                f'no face of this map is called "{pattern}"; faces of {object_part}: {shown}'
+            )
+        raise unknown("object or face", pattern, names.full_names)
+    return found

@@ -1,0 +1,71 @@
+"""Numbers with units, as criteria write them."""
+
+from __future__ import annotations
+
+import math
+
+from raymap.errors import CriterionError
+
+__all__ = ["convert", "known_units", "length_factor"]
+
+_LENGTH_M = {
+    "nm": 1e-9,
+    "um": 1e-6,
+    "µm": 1e-6,
+    "μm": 1e-6,
+    "mm": 1e-3,
+    "cm": 1e-2,
+    "dm": 1e-1,
+    "m": 1.0,
+    "km": 1e3,
+    "in": 25.4e-3,
+    "inch": 25.4e-3,
+    "ft": 0.3048,
+}
+_WAVELENGTH_NM = {"nm": 1.0, "um": 1e3, "µm": 1e3, "μm": 1e3, "mm": 1e6, "m": 1e9, "Å": 0.1}
+_ANGLE_DEG = {
+    "deg": 1.0,
+    "°": 1.0,
+    "rad": 180 / math.pi,
+    "mrad": 0.18 / math.pi,
+    "arcmin": 1 / 60,
+    "arcsec": 1 / 3600,
+}
+_FLUX = {
+    "W": {"W": 1.0, "mW": 1e-3, "uW": 1e-6, "µW": 1e-6, "μW": 1e-6, "nW": 1e-9, "kW": 1e3},
+    "lm": {"lm": 1.0, "mlm": 1e-3, "klm": 1e3},
+}
+
+
+def _scale(unit: str, table: dict[str, float], what: str) -> float:
+    if unit not in table:
+        raise CriterionError(f"{what} is measured in {', '.join(table)}, not in {unit!r}")
+    return table[unit]
+
+
+def length_factor(unit: str, length_unit: str) -> float:
+    """Scene units per ``unit``."""
+    return _scale(unit, _LENGTH_M, "a length") / _LENGTH_M.get(length_unit, 1e-3)
+
+
+def known_units() -> set[str]:
+    """Every unit word of the language."""
+    return {*_LENGTH_M, *_WAVELENGTH_NM, *_ANGLE_DEG, *_FLUX["W"], *_FLUX["lm"]}
+
+
+def convert(number: float, unit: str, quantity: str, length_unit: str, flux_unit: str) -> float:
+    """A number with unit in the units of a map: nm, scene units, degrees, flux units.
+
+    Without a unit the number is taken to be in the unit of the map already.
+    """
+    if not unit:
+        return number
+    if quantity == "wavelength":
+        return number * _scale(unit, _WAVELENGTH_NM, "a wavelength")
+    if quantity in ("length", "optical_length"):
+        return number * length_factor(unit, length_unit)
+    if quantity == "incidence":
+        return number * _scale(unit, _ANGLE_DEG, "an angle of incidence")
+    if quantity == "flux":
+        return number * _scale(unit, _FLUX[flux_unit], "the flux of this map")
+    raise CriterionError(f"{quantity} is a plain number and takes no unit, found {unit!r}")
