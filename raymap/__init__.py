@@ -1,0 +1,154 @@
+"""Ray maps: every light path of a Monte Carlo trace in one file.
+
+Names are loaded when they are first used, so that ``import raymap`` is quick and loads no compiler.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from raymap.checks import check_portion
+    from raymap.directory import (
+        BoundingSphere,
+        ChannelSet,
+        Detector,
+        Directory,
+        DisplayMesh,
+        Face,
+        FaceTable,
+        Medium,
+        Quadric,
+        SceneObject,
+        Source,
+        Surface,
+    )
+    from raymap.errors import (
+        CriterionError,
+        DamagedPortion,
+        FormatError,
+        InvalidPortion,
+        LimitExceeded,
+        MapExists,
+        MapLocked,
+        MissingExtra,
+        NotARayMap,
+        RayMapError,
+        RayNotFound,
+        SceneError,
+        SceneMismatch,
+        UnknownName,
+        UnsupportedVersion,
+    )
+    from raymap.events import ENDINGS, FAMILIES, Event, event_names
+    from raymap.opening import open
+    from raymap.paths import MergedPaths, PathDictionary
+    from raymap.portion import Descriptors, Portion
+    from raymap.reader import Damage, RayMap
+    from raymap.schema import DESCRIPTOR_DTYPE, SEGMENT_DTYPE
+    from raymap.stored import StoredPortion
+    from raymap.writer import RayMapWriter
+
+_PLACES = {
+    "raymap.checks": ["check_portion"],
+    "raymap.directory": [
+        "BoundingSphere",
+        "ChannelSet",
+        "Detector",
+        "Directory",
+        "DisplayMesh",
+        "Face",
+        "FaceTable",
+        "Medium",
+        "Quadric",
+        "SceneObject",
+        "Source",
+        "Surface",
+    ],
+    "raymap.errors": [
+        "CriterionError",
+        "DamagedPortion",
+        "FormatError",
+        "InvalidPortion",
+        "LimitExceeded",
+        "MapExists",
+        "MapLocked",
+        "MissingExtra",
+        "NotARayMap",
+        "RayMapError",
+        "RayNotFound",
+        "SceneError",
+        "SceneMismatch",
+        "UnknownName",
+        "UnsupportedVersion",
+    ],
+    "raymap.events": ["ENDINGS", "FAMILIES", "Event", "event_names"],
+    "raymap.opening": ["open"],
+    "raymap.paths": ["MergedPaths", "PathDictionary"],
+    "raymap.portion": ["Descriptors", "Portion"],
+    "raymap.reader": ["Damage", "RayMap"],
+    "raymap.schema": ["DESCRIPTOR_DTYPE", "SEGMENT_DTYPE"],
+    "raymap.stored": ["StoredPortion"],
+    "raymap.writer": ["RayMapWriter"],
+}
+_HOME = {name: module for module, names in _PLACES.items() for name in names}
+
+__version__ = "0.1.0"
+__all__ = [
+    "DESCRIPTOR_DTYPE",
+    "ENDINGS",
+    "FAMILIES",
+    "SEGMENT_DTYPE",
+    "BoundingSphere",
+    "ChannelSet",
+    "CriterionError",
+    "Damage",
+    "DamagedPortion",
+    "Descriptors",
+    "Detector",
+    "Directory",
+    "DisplayMesh",
+    "Event",
+    "Face",
+    "FaceTable",
+    "FormatError",
+    "InvalidPortion",
+    "LimitExceeded",
+    "MapExists",
+    "MapLocked",
+    "Medium",
+    "MergedPaths",
+    "MissingExtra",
+    "NotARayMap",
+    "PathDictionary",
+    "Portion",
+    "Quadric",
+    "RayMap",
+    "RayMapError",
+    "RayMapWriter",
+    "RayNotFound",
+    "SceneError",
+    "SceneMismatch",
+    "SceneObject",
+    "Source",
+    "StoredPortion",
+    "Surface",
+    "UnknownName",
+    "UnsupportedVersion",
+    "check_portion",
+    "event_names",
+    "open",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME:
+        value = getattr(import_module(_HOME[name]), name)
+        globals()[name] = value
+        return value
+    raise AttributeError(f"module 'raymap' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

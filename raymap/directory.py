@@ -288,7 +288,5 @@ class Directory(_Entry):
             first_primitive=np.array([face.first_primitive for face in faces], np.int32),
             primitive_count=np.array([face.primitive_count for face in faces], np.int32),
             surface=np.array([face.surface for face in faces], np.int16),
-            names=tuple(
-                f"{item.name}.{face.name}" for item in self.objects for face in item.faces
-            ),
+            names=tuple(f"{item.name}.{face.name}" for item in self.objects for face in item.faces),
         )

@@ -59,9 +59,7 @@ ENDINGS = (
 _REFLECTED = (
     Event.SPECULAR_REFLECTION | Event.TIR | Event.DIFFUSE_REFLECTION | Event.GLOSSY_REFLECTION
 )
-_TRANSMITTED = (
-    Event.SPECULAR_REFRACTION | Event.DIFFUSE_TRANSMISSION | Event.GLOSSY_TRANSMISSION
-)
+_TRANSMITTED = Event.SPECULAR_REFRACTION | Event.DIFFUSE_TRANSMISSION | Event.GLOSSY_TRANSMISSION
 _SCATTERED = (
     Event.DIFFUSE_REFLECTION
     | Event.DIFFUSE_TRANSMISSION
@@ -104,9 +102,9 @@ FAMILIES: dict[str, Event] = {
 }
 """Words of the criteria language, reports and exports: every single event and the families."""
 
-_SINGLE_NAMES = {
-    event: name for name, event in FAMILIES.items() if int(event).bit_count() == 1
-} | {Event.SPECULAR_REFRACTION: "refracted"}
+_SINGLE_NAMES = {event: name for name, event in FAMILIES.items() if int(event).bit_count() == 1} | {
+    Event.SPECULAR_REFRACTION: "refracted"
+}
 
 
 def event_names(bits: int) -> list[str]:

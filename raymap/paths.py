@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["PathDictionary"]
+__all__ = ["MergedPaths", "PathDictionary"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -28,6 +28,9 @@ class PathDictionary:
     rays : (n_paths,) int64
     sum_w, sum_w2 : (n_paths,) float64, unnormalised sums of weight and weight²
     sum_wc : per channel set, (n_paths, n_channels) float64, sum of weight x colour at the ray's end
+    grouped : the rays carry an ``emission`` column, several rays may stem from one emission.
+        ``sum_w2`` then sums w per emission first, within each path; the standard error of several
+        paths together needs the rays.
     """
 
     source: NDArray[np.int16]
@@ -43,7 +46,30 @@ class PathDictionary:
     sum_w: NDArray[np.float64]
     sum_w2: NDArray[np.float64]
     sum_wc: tuple[NDArray[np.float64], ...]
+    grouped: bool = False
 
     @property
     def n_paths(self) -> int:
         return len(self.source)
+
+    @property
+    def n_points(self) -> int:
+        return int(self.offsets[-1])
+
+    @property
+    def n_meetings(self) -> int:
+        return int(self.detector_offsets[-1])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MergedPaths:
+    """The path dictionary of a whole map and where each portion's paths stand in it.
+
+    Attributes
+    ----------
+    paths : counts and sums over all portions that have a dictionary
+    local_to_global : per portion, (n_local,) int32, or None where the portion has plain columns
+    """
+
+    paths: PathDictionary
+    local_to_global: list[NDArray[np.int32] | None]

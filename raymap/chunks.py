@@ -1,0 +1,239 @@
+"""A map as a file of chunks: positional reads by many threads, walking, search after damage."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raymap.errors import FormatError, NotARayMap, UnsupportedVersion
+from raymap.layout import (
+    CHUNK_HEADER_SIZE,
+    FILE_HEADER_SIZE,
+    MAGIC,
+    TAG_PREFIX,
+    VERSION,
+    ChunkHeader,
+    StreamEntry,
+    header_size,
+    parse_chunk_header,
+)
+from raymap.streams import decode_bytes, decode_column
+
+__all__ = ["Chunk", "Gap", "MapFile"]
+
+_SEARCH_BLOCK = 2**20
+_READ_AHEAD = 8192
+MAX_EMPTY_STREAM = 2**27
+MAX_EMPTY_CHUNK = 2**30
+MAX_RATIO = 256
+"""What streams may expand to: this much in any case, else this many times the stored bytes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Chunk:
+    """A complete chunk whose header is sound."""
+
+    offset: int
+    header: ChunkHeader
+
+    @property
+    def tag(self) -> bytes:
+        return self.header.tag
+
+    @property
+    def end(self) -> int:
+        return self.offset + self.header.size
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """Bytes that are no chunk: damage, or at the end of the file a torn tail."""
+
+    offset: int
+    end: int
+    reason: str
+
+
+class MapFile:
+    """An open map; reads do not move a shared position and may run on many threads."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            self._descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0))
+        except FileNotFoundError:
+            raise NotARayMap(f"{path} does not exist") from None
+        except IsADirectoryError:
+            raise NotARayMap(f"{path} is a folder, not a ray map") from None
+        except OSError as error:
+            raise NotARayMap(f"{path} cannot be read: {error.strerror}") from None
+        self._lock = threading.Lock()
+        self.bytes_read = 0
+        self._closed = False
+        try:
+            self._check_magic()
+        except FormatError:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Close the file; reading raises afterwards."""
+        with self._lock:
+            if not self._closed:
+                self._closed = True
+                os.close(self._descriptor)
+
+    def __del__(self) -> None:
+        if hasattr(self, "_closed"):
+            self.close()
+
+    @property
+    def size(self) -> int:
+        """Bytes of the file now."""
+        return os.fstat(self._descriptor).st_size
+
+    def read(self, offset: int, length: int) -> bytes:
+        """Exactly ``length`` bytes, fewer only at the end of the file."""
+        if self._closed:
+            raise FormatError(f"{self.path} is closed")
+        try:
+            data = _read_at(self._descriptor, length, offset)
+        except OSError as error:
+            raise FormatError(
+                f"{self.path} cannot be read at byte {offset}: {error.strerror}"
+            ) from None
+        with self._lock:
+            self.bytes_read += len(data)
+        return data
+
+    def chunk_at(self, offset: int, size: int) -> Chunk:
+        """The chunk at an offset of a file of the given size.
+
+        Raises
+        ------
+        FormatError
+            There is no sound chunk header, or the chunk is longer than the file.
+        """
+        data = self.read(offset, min(_READ_AHEAD, max(0, size - offset)))
+        if len(data) < CHUNK_HEADER_SIZE:
+            raise FormatError("chunk header is cut off")
+        if not data.startswith(TAG_PREFIX):
+            raise FormatError("there is no chunk tag")
+        needed = header_size(data)
+        if needed > len(data):
+            data += self.read(offset + len(data), needed - len(data))
+        header = parse_chunk_header(data)
+        if header.size > size - offset:
+            raise FormatError(f"chunk of {header.size} bytes is cut off after {size - offset}")
+        _check_expansion(header)
+        return Chunk(offset, header)
+
+    def walk(self, start: int, size: int) -> Iterator[Chunk | Gap]:
+        """Chunks in file order; what is none is reported as a gap up to the next sound header."""
+        offset = start
+        while offset < size:
+            try:
+                chunk = self.chunk_at(offset, size)
+            except FormatError as error:
+                found = self._search(offset + 1, size)
+                end = size if found is None else found.offset
+                yield Gap(offset, end, str(error))
+                if found is None:
+                    return
+                chunk = found
+            yield chunk
+            offset = chunk.end
+
+    def _search(self, start: int, size: int) -> Chunk | None:
+        """The next chunk with a sound header at or after ``start``."""
+        overlap = len(TAG_PREFIX) - 1
+        while start < size:
+            block = self.read(start, min(_SEARCH_BLOCK + overlap, size - start))
+            place = block.find(TAG_PREFIX)
+            while 0 <= place < _SEARCH_BLOCK:
+                try:
+                    return self.chunk_at(start + place, size)
+                except FormatError:
+                    place = block.find(TAG_PREFIX, place + 1)
+            start += _SEARCH_BLOCK
+        return None
+
+    def stored(self, chunk: Chunk, entry: StreamEntry) -> bytes:
+        """The stored bytes of one stream."""
+        return self.read(chunk.offset + entry.offset, entry.stored_size)
+
+    def bytes_of(self, chunk: Chunk, name: str, limit: int) -> bytes:
+        """An opaque stream of at most ``limit`` bytes, checked and decompressed."""
+        entries = [entry for entry in chunk.header.streams if entry.name == name]
+        if len(entries) != 1 or entries[0].raw_size > limit:
+            raise FormatError(f"chunk at byte {chunk.offset} has no sound stream {name!r}")
+        return bytes(decode_bytes(entries[0], self.stored(chunk, entries[0])))
+
+    def column(self, chunk: Chunk, name: str, rows: int | None, dtype: Any) -> NDArray[Any]:
+        """A column of a chunk, checked and decoded, as the expected type."""
+        entries = [entry for entry in chunk.header.streams if entry.name == name]
+        if not entries:
+            raise FormatError(f"chunk at byte {chunk.offset} has no stream {name!r}")
+        column = decode_column(entries, lambda entry: self.stored(chunk, entry), rows)
+        wanted = np.dtype(dtype)
+        if column.dtype == wanted:
+            return column
+        if column.dtype.kind in "iu" and wanted.kind in "iu":
+            return column.astype(wanted)
+        raise FormatError(f"stream {name!r} holds {column.dtype}, expected {wanted}")
+
+    def _check_magic(self) -> None:
+        head = self.read(0, FILE_HEADER_SIZE)
+        if len(head) < FILE_HEADER_SIZE or not head.startswith(MAGIC):
+            raise NotARayMap(_wrong_magic(self.path, head))
+        major = int.from_bytes(head[12:14], "little")
+        if major != VERSION[0]:
+            raise UnsupportedVersion(
+                f"{self.path} has format version {major}, this program reads version {VERSION[0]}: "
+                "install a newer Raymap"
+            )
+
+
+def _check_expansion(header: ChunkHeader) -> None:
+    """Refuse chunks that declare far more bytes than they can honestly hold."""
+    raw = 0
+    for entry in header.streams:
+        raw += entry.raw_size
+        if entry.raw_size > max(MAX_EMPTY_STREAM, MAX_RATIO * entry.stored_size):
+            raise FormatError(f"stream {entry.name!r} declares {entry.raw_size} bytes")
+    if raw > max(MAX_EMPTY_CHUNK, MAX_RATIO * header.size):
+        raise FormatError(f"chunk of {header.size} bytes declares {raw} bytes of streams")
+
+
+def _wrong_magic(path: Path, head: bytes) -> str:
+    if not head:
+        return f"{path} is empty, not a ray map"
+    if head[1:7] == MAGIC[1:7] or head[:6] == MAGIC[1:7]:
+        return (
+            f"{path} was a ray map, but its first bytes are damaged (a copy in text mode?): "
+            "copy it again in binary mode"
+        )
+    return f"{path} is not a ray map (its first bytes are not those of one)"
+
+
+def _read_at(descriptor: int, length: int, offset: int) -> bytes:
+    """Read at a place without moving the position; short only at the end of the file."""
+    data = os.pread(descriptor, length, offset)
+    if len(data) == length or not data:
+        return data
+    parts = [data]
+    got = len(data)
+    while got < length:
+        more = os.pread(descriptor, length - got, offset + got)
+        if not more:
+            break
+        parts.append(more)
+        got += len(more)
+    return b"".join(parts)

@@ -1,0 +1,173 @@
+"""The command ``raymap``: gathers the packages' sub-commands; info and verify."""
+
+from __future__ import annotations
+
+import json
+import sys
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from raymap.errors import RayMapError
+
+if TYPE_CHECKING:
+    from raymap.reader import RayMap
+
+__all__ = ["emit_json", "main", "open_map", "register"]
+
+Json = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
+Strict = Annotated[bool, typer.Option("--strict", help="Fail at damage instead of skipping it.")]
+
+
+def emit_json(value: Any) -> None:
+    """Print a value as JSON, and nothing else, on stdout."""
+    json.dump(value, sys.stdout, ensure_ascii=False, default=_plain)
+    sys.stdout.write("\n")
+
+
+def _plain(value: Any) -> Any:
+    """NumPy numbers and arrays, paths and sets as JSON has them."""
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    if isinstance(value, set | frozenset):
+        return sorted(value)
+    return str(value)
+
+
+def open_map(path: Path, strict: bool = False) -> RayMap:
+    """Open a map, a folder of maps; damage is skipped with a warning unless ``strict``."""
+    from raymap.opening import open
+
+    ray_map = open(path, on_damage="raise" if strict else "skip")
+    warn_of_damage(ray_map)
+    return ray_map
+
+
+def warn_of_damage(ray_map: RayMap, known: int = 0) -> None:
+    """Say on stderr what could not be read, from entry ``known`` of the map's damage on."""
+    for damage in ray_map.damage[known:]:
+        what = "bytes" if damage.portion is None else f"portion {damage.portion}, bytes"
+        typer.echo(
+            f"warning: {ray_map.path}: {what} {damage.offset}–{damage.offset + damage.length - 1} "
+            f"cannot be read ({damage.reason})",
+            err=True,
+        )
+
+
+def register(app: typer.Typer) -> None:
+    """Hang the commands of this package on the application."""
+    app.command("info")(info)
+
+
+def info(
+    map: Annotated[Path, typer.Argument(help="A ray map, or a folder of them.")],
+    streams: Annotated[bool, typer.Option(help="Say what each stream costs.")] = False,
+    json: Json = False,
+    strict: Strict = False,
+) -> None:
+    """Say what a map holds."""
+    with open_map(map, strict) as ray_map:
+        summary = ray_map.describe()
+        if streams:
+            summary["streams"] = stream_costs(ray_map)
+        if json:
+            emit_json(summary)
+            return
+        _print_summary(summary)
+
+
+def stream_costs(ray_map: RayMap) -> list[dict[str, Any]]:
+    """Stored bytes per stream name, largest first."""
+    costs: dict[str, list[int]] = {}
+    for portion in ray_map.portions:
+        for entry in portion.stream_table():
+            cost = costs.setdefault(entry.name, [0, 0])
+            cost[0] += entry.stored_size
+            cost[1] += entry.raw_size
+    records = max(ray_map.records, 1)
+    rows = [
+        {"stream": name, "bytes": stored, "raw_bytes": raw, "bytes_per_record": stored / records}
+        for name, (stored, raw) in costs.items()
+    ]
+    rest = ray_map.bytes - sum(stored for stored, _ in costs.values())
+    rows.append(
+        {
+            "stream": "(headers, directory, footer)",
+            "bytes": rest,
+            "raw_bytes": rest,
+            "bytes_per_record": rest / records,
+        }
+    )
+    return sorted(rows, key=lambda row: -row["bytes"])
+
+
+def _print_summary(summary: dict[str, Any]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(soft_wrap=True, highlight=False)
+    per_record = summary["bytes_per_record"]
+    state = "finished" if summary["finished"] else "unfinished (still written, or interrupted)"
+    console.print(
+        f"{summary['rays']:,} rays, {summary['records']:,} records in {summary['portions']} "
+        f"portions, {summary['bytes']:,} bytes"
+        + (f" ({per_record:.2f} per record)" if per_record else "")
+        + f", {state}"
+    )
+    for kind in ("sources", "objects", "faces", "detectors", "media"):
+        names = summary[kind]
+        shown = ", ".join(names[:12]) + (f", … ({len(names)})" if len(names) > 12 else "")
+        console.print(f"{kind}: {shown or 'none'}", markup=False)
+    for labels in summary["channels"]:
+        console.print(f"channels: {', '.join(labels)}", markup=False)
+    if "streams" in summary:
+        table = Table("stream", "bytes", "raw", "bytes per record")
+        for row in summary["streams"]:
+            table.add_row(
+                row["stream"],
+                f"{row['bytes']:,}",
+                f"{row['raw_bytes']:,}",
+                f"{row['bytes_per_record']:.4f}",
+            )
+        console.print(table)
+
+
+def application() -> typer.Typer:
+    """The application with the sub-commands of all installed packages."""
+    app = typer.Typer(
+        name="raymap",
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        help="Record every light path of a Monte Carlo trace; ask which of them matter.",
+    )
+    app.callback()(_group)
+    for point in sorted(entry_points(group="raymap.commands"), key=lambda point: point.name):
+        try:
+            point.load()(app)
+        except ModuleNotFoundError as error:
+            # A package that is not installed takes its commands with it, not the others
+            if error.name not in (point.module, point.module.split(".")[0]):
+                raise
+    return app
+
+
+def _group() -> None:
+    """Record every light path of a Monte Carlo trace; ask which of them matter."""
+
+
+def main() -> None:
+    """Run the command line: 0 good, 1 a refused request, 2 usage, 130 after Ctrl-C."""
+    try:
+        application()()
+    except RayMapError as error:
+        typer.echo(f"error: {error}", err=True)
+        raise SystemExit(1) from None
+    except KeyboardInterrupt:
+        raise SystemExit(130) from None
+    except BrokenPipeError:
+        # The reader of our output went away (head, less): nothing is wrong
+        sys.stderr.close()
+        raise SystemExit(0) from None

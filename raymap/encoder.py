@@ -1,0 +1,258 @@
+"""A portion to its chunk: the choice of encodings and the streams that they give."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raymap.colors import runs_of_codes
+from raymap.dictionary import Itineraries, color_sums, find_paths, itineraries_of
+from raymap.directory import Directory
+from raymap.layout import PORTION, pack_chunk_header
+from raymap.paths import PathDictionary
+from raymap.portion import Portion
+from raymap.portionmeta import PortionMeta
+from raymap.schema import COLOR_SCALE
+from raymap.streams import Scope, StreamSet
+
+__all__ = ["EncodedPortion", "PortionEncoder"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EncodedPortion:
+    """A portion as bytes, ready to be committed.
+
+    Attributes
+    ----------
+    meta : what the chunk header says
+    buffers : header and streams, to be written one after the other
+    size : bytes of the chunk
+    paths : the portion's dictionary for merging, None where it has plain columns
+    """
+
+    meta: PortionMeta
+    buffers: list[bytes | NDArray[np.uint8]]
+    size: int
+    paths: PathDictionary | None
+
+    @property
+    def number(self) -> int:
+        return self.meta.number
+
+
+class PortionEncoder:
+    """Encodes portions of one directory; pure and safe to use from many threads."""
+
+    def __init__(self, directory: Directory, *, raw: bool = False) -> None:
+        self.faces = directory.faces
+        self.raw = raw
+
+    def encode(self, portion: Portion, number: int, n_channel_sets: int) -> EncodedPortion:
+        """Encode one portion."""
+        rays = itineraries_of(portion, self.faces)
+        streams = StreamSet(raw=self.raw)
+        found = None if self.raw else find_paths(rays)
+        if found is None:
+            paths = None
+            n_paths, n_points, n_meetings = (
+                portion.n_rays,
+                portion.n_records,
+                len(rays.detector),
+            )
+            add_itineraries(streams, rays)
+        else:
+            table, path_numbers = found
+            paths = _with_sums(table, path_numbers, portion, rays.offsets, n_channel_sets)
+            n_paths, n_points, n_meetings = paths.n_paths, paths.n_points, paths.n_meetings
+            add_itineraries(streams, table)
+            _add_sums(streams, paths, portion)
+            small = np.uint16 if n_paths <= 2**16 else np.uint32
+            streams.add("path_number", path_numbers.astype(small), Scope.RAY)
+        self._add_triangles(streams, portion, rays)
+        self._add_geometry(streams, portion)
+        _add_colors(streams, portion, rays.offsets, self.raw)
+        _add_descriptors(streams, portion)
+        _add_rays(streams, portion)
+        ids = portion.ray_ids
+        meta = PortionMeta(
+            number=number,
+            first_ray=portion.first_ray if ids is None or not len(ids) else int(ids[0]),
+            last_ray=(
+                portion.first_ray + portion.n_rays - 1
+                if ids is None or not len(ids)
+                else int(ids[-1])
+            ),
+            n_rays=portion.n_rays,
+            n_records=portion.n_records,
+            n_descriptors=len(portion.descriptors.detector),
+            n_paths=n_paths,
+            n_points=n_points,
+            n_meetings=n_meetings,
+            channel_set=portion.channel_set,
+            has_paths=paths is not None,
+            has_ids=ids is not None and len(ids) > 0,
+            has_weights=portion.weight is not None,
+            grouped=portion.emission is not None,
+            emitted=portion.emitted,
+        )
+        header = pack_chunk_header(PORTION, meta.pack(), streams.entries)
+        return EncodedPortion(
+            meta=meta,
+            buffers=[header, *streams.buffers],
+            size=len(header) + streams.stored_bytes,
+            paths=paths,
+        )
+
+    def _add_triangles(self, streams: StreamSet, portion: Portion, rays: Itineraries) -> None:
+        """Store what the face does not imply: the primitive where a face has several or none."""
+        table = self.faces
+        known = rays.face >= 0
+        explicit = portion.object >= 0
+        start = np.zeros(portion.n_records, np.int32)
+        if len(table.names):
+            face = np.where(known, rays.face, 0)
+            explicit &= ~known | (table.primitive_count[face] != 1)
+            start = np.where(known, table.first_primitive[face], 0).astype(np.int32)
+        if explicit.any():
+            streams.add("triangle", (portion.triangle - start)[explicit])
+
+    def _add_geometry(self, streams: StreamSet, portion: Portion) -> None:
+        for axis, name in enumerate("xyz"):
+            streams.add(f"position.{name}", portion.position[:, axis], Scope.RECORD)
+        for axis, name in enumerate("xyz"):
+            streams.add(f"normal.{name}", portion.normal[:, axis], Scope.RECORD)
+
+
+def add_itineraries(streams: StreamSet, rays: Itineraries) -> None:
+    """Store the columns of which paths are made."""
+    streams.add("path.source", rays.source, Scope.PATH)
+    streams.add("path.length", _compact(np.diff(rays.offsets)), Scope.PATH)
+    streams.add("path.object", rays.object, Scope.POINT)
+    streams.add("path.face", rays.face, Scope.POINT)
+    streams.add("path.event", rays.event, Scope.POINT)
+    streams.add("path.medium", rays.medium, Scope.POINT)
+    streams.add("path.meetings", np.diff(rays.meeting_offsets).astype(np.uint16), Scope.POINT)
+    streams.add("path.detector", rays.detector, Scope.MEETING)
+    streams.add("path.registered", rays.registered, Scope.MEETING)
+
+
+def _compact(counts: NDArray[Any]) -> NDArray[Any]:
+    """The narrowest unsigned type that holds the values."""
+    top = int(counts.max()) if len(counts) else 0
+    return counts.astype(np.uint8 if top < 2**8 else np.uint16 if top < 2**16 else np.uint32)
+
+
+def _with_sums(
+    table: Itineraries,
+    path_numbers: NDArray[np.uint32],
+    portion: Portion,
+    offsets: NDArray[np.int64],
+    n_channel_sets: int,
+) -> PathDictionary:
+    n_paths = table.source.size
+    rays = np.bincount(path_numbers, minlength=n_paths).astype(np.int64)
+    if portion.weight is None and portion.emission is None:
+        sum_w, sum_w2 = rays.astype(np.float64), rays.astype(np.float64)
+    else:
+        weight = (
+            np.ones(portion.n_rays) if portion.weight is None else portion.weight.astype(np.float64)
+        )
+        sum_w = np.bincount(path_numbers, weight, n_paths)
+        sum_w2 = sum_of_squares(path_numbers, weight, portion.emission, n_paths)
+    ends = portion.color_code[offsets[1:] - 1]
+    sums = color_sums(ends, portion.color_table, path_numbers, portion.weight, n_paths)
+    colors = sums / COLOR_SCALE if sums.dtype == np.uint64 else sums
+    sets = [np.zeros((n_paths, 0)) for _ in range(max(n_channel_sets, portion.channel_set + 1))]
+    sets[portion.channel_set] = colors
+    return PathDictionary(
+        source=table.source,
+        offsets=table.offsets,
+        object=table.object,
+        face=table.face,
+        event=table.event,
+        medium=table.medium,
+        detector_offsets=table.meeting_offsets,
+        detector=table.detector,
+        registered=table.registered,
+        rays=rays,
+        sum_w=sum_w,
+        sum_w2=sum_w2,
+        sum_wc=tuple(sets),
+        grouped=portion.emission is not None,
+    )
+
+
+def sum_of_squares(
+    path_numbers: NDArray[np.uint32],
+    weight: NDArray[np.float64],
+    emission: NDArray[np.int64] | None,
+    n_paths: int,
+) -> NDArray[np.float64]:
+    """Σw² per path; rays of one emission are summed first."""
+    if emission is None:
+        return np.bincount(path_numbers, weight**2, n_paths)
+    order = np.lexsort((emission, path_numbers))
+    path, group, w = path_numbers[order], emission[order], weight[order]
+    starts = np.flatnonzero(
+        np.r_[True, (path[1:] != path[:-1]) | (group[1:] != group[:-1])][: len(order)]
+    )
+    sums = np.add.reduceat(w, starts) if len(starts) else w
+    return np.bincount(path[starts], sums**2, n_paths)
+
+
+def _add_sums(streams: StreamSet, paths: PathDictionary, portion: Portion) -> None:
+    streams.add("path.rays", paths.rays.astype(np.uint32), Scope.PATH)
+    colors = paths.sum_wc[portion.channel_set]
+    if portion.weight is None:
+        exact = np.rint(colors * COLOR_SCALE).astype(np.uint64)
+        streams.add("path.sum_c", exact, Scope.PATH)
+    else:
+        streams.add("path.sum_wc", colors, Scope.PATH)
+    if portion.weight is not None or portion.emission is not None:
+        streams.add("path.sum_w", paths.sum_w, Scope.PATH)
+        streams.add("path.sum_w2", paths.sum_w2, Scope.PATH)
+
+
+def _add_colors(
+    streams: StreamSet, portion: Portion, offsets: NDArray[np.int64], raw: bool
+) -> None:
+    runs = None if raw else runs_of_codes(offsets, portion.color_code)
+    if runs is None:
+        streams.add("color.code", portion.color_code, Scope.RECORD)
+    else:
+        first, changes, lengths, later = runs
+        streams.add("color.first", _compact(first), Scope.RAY)
+        streams.add("color.changes", _compact(changes), Scope.RAY)
+        streams.add("color.length", _compact(lengths))
+        streams.add("color.later", _compact(later))
+    # Leave out the last channel, which follows from the others
+    table = portion.color_table
+    if len(table):
+        streams.add("color.table", table[:, :-1] if table.shape[1] > 1 else table)
+
+
+def _add_descriptors(streams: StreamSet, portion: Portion) -> None:
+    descriptors = portion.descriptors
+    if not len(descriptors.detector):
+        return
+    for axis, name in enumerate("uv"):
+        streams.add(f"descriptor.cell_{name}", descriptors.cell[:, axis], Scope.DESCRIPTOR)
+    streams.add("descriptor.cosine", descriptors.cosine, Scope.DESCRIPTOR)
+    for axis, name in enumerate("uv"):
+        streams.add(f"descriptor.{name}", descriptors.uv[:, axis], Scope.DESCRIPTOR)
+
+
+def _add_rays(streams: StreamSet, portion: Portion) -> None:
+    if portion.ray_ids is not None and portion.n_rays:
+        gaps = np.diff(portion.ray_ids, prepend=portion.ray_ids[:1])
+        streams.add("ray_gap", gaps.astype(np.uint64), Scope.RAY)
+    if portion.weight is not None:
+        streams.add("weight", portion.weight, Scope.RAY)
+    if portion.emission is not None:
+        streams.add("emission", portion.emission, Scope.RAY)
+    for name, column in portion.extra.items():
+        scope = Scope.RECORD if len(column) == portion.n_records else Scope.RAY
+        streams.add(f"x:{name}", column, scope)

@@ -1,0 +1,95 @@
+"""Byte planes: byte k of every element stands together, because high bytes repeat and low ones not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raymap.kernels import kernel
+
+__all__ = ["join_planes", "split_planes"]
+
+
+@kernel
+def _split2(values: NDArray[np.uint16], planes: NDArray[np.uint8]) -> None:
+    low, high = planes[0], planes[1]
+    for i in range(values.size):
+        value = values[i]
+        low[i] = np.uint8(value)
+        high[i] = np.uint8(value >> 8)
+
+
+@kernel
+def _split4(values: NDArray[np.uint32], planes: NDArray[np.uint8]) -> None:
+    p0, p1, p2, p3 = planes[0], planes[1], planes[2], planes[3]
+    for i in range(values.size):
+        value = values[i]
+        p0[i] = np.uint8(value)
+        p1[i] = np.uint8(value >> 8)
+        p2[i] = np.uint8(value >> 16)
+        p3[i] = np.uint8(value >> 24)
+
+
+@kernel
+def _join2(low: NDArray[np.uint8], high: NDArray[np.uint8], values: NDArray[np.uint16]) -> None:
+    for i in range(values.size):
+        values[i] = np.uint16(low[i]) | np.uint16(np.uint16(high[i]) << np.uint16(8))
+
+
+@kernel
+def _join4(
+    p0: NDArray[np.uint8],
+    p1: NDArray[np.uint8],
+    p2: NDArray[np.uint8],
+    p3: NDArray[np.uint8],
+    values: NDArray[np.uint32],
+) -> None:
+    for i in range(values.size):
+        values[i] = (
+            np.uint32(p0[i])
+            | (np.uint32(p1[i]) << np.uint32(8))
+            | (np.uint32(p2[i]) << np.uint32(16))
+            | (np.uint32(p3[i]) << np.uint32(24))
+        )
+
+
+def split_planes(values: NDArray[Any]) -> NDArray[np.uint8]:
+    """Byte planes of a contiguous array.
+
+    Parameters
+    ----------
+    values : (n,) of any little-endian type of 1, 2, 4 or 8 bytes
+
+    Returns
+    -------
+    planes : (itemsize, n) uint8, least significant first
+    """
+    size = values.dtype.itemsize
+    if size == 1:
+        return values.view(np.uint8).reshape(1, -1)
+    planes = np.empty((size, values.size), np.uint8)
+    if size == 2:
+        _split2(values.view(np.uint16), planes)
+    elif size == 4:
+        _split4(values.view(np.uint32), planes)
+    else:
+        planes[:] = values.view(np.uint8).reshape(-1, size).T
+    return planes
+
+
+def join_planes(planes: Sequence[NDArray[np.uint8]], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """The array whose byte planes are given; the inverse of `split_planes`."""
+    n = planes[0].size
+    values = np.empty(n, dtype)
+    if len(planes) == 2:
+        _join2(planes[0], planes[1], values.view(np.uint16))
+    elif len(planes) == 4:
+        _join4(planes[0], planes[1], planes[2], planes[3], values.view(np.uint32))
+    else:
+        interleaved = values.view(np.uint8).reshape(n, len(planes))
+        for number, plane in enumerate(planes):
+            interleaved[:, number] = plane
+    return values

@@ -1,0 +1,144 @@
+"""The meta block of a portion's chunk: numbers, counts, flags, rays emitted."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raymap.errors import FormatError
+from raymap.schema import (
+    MAX_DESCRIPTORS_PER_SEGMENT,
+    MAX_INDEX,
+    PORTION_MAX_RECORDS,
+)
+
+__all__ = ["PortionMeta"]
+
+_FIXED = struct.Struct("<QqqIIQIIQHHI")
+MAX_DESCRIPTORS = 2**26
+MAX_RAY = 2**62
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PortionMeta:
+    """What a portion's header says, and the footer repeats.
+
+    Attributes
+    ----------
+    number : place of the portion in the map
+    first_ray, last_ray : numbers of its first and last ray; last_ray = first_ray - 1 without rays
+    n_rays, n_records, n_descriptors : rows of the columns
+    n_paths, n_points, n_meetings : rows of the path dictionary; those of the columns without one
+    channel_set : index of the channel set
+    has_paths : it has a dictionary and path numbers, not plain columns
+    has_ids : ray numbers have gaps and are stored
+    has_weights, grouped : columns ``weight`` and ``emission`` exist
+    emitted : (n_sources,) int64
+    """
+
+    number: int
+    first_ray: int
+    last_ray: int
+    n_rays: int
+    n_records: int
+    n_descriptors: int
+    n_paths: int
+    n_points: int
+    n_meetings: int
+    channel_set: int
+    has_paths: bool
+    has_ids: bool
+    has_weights: bool
+    grouped: bool
+    emitted: NDArray[np.int64]
+
+    @property
+    def flags(self) -> int:
+        return self.has_paths | self.has_ids << 1 | self.has_weights << 2 | self.grouped << 3
+
+    def pack(self) -> bytes:
+        """The meta block."""
+        fixed = _FIXED.pack(
+            self.number,
+            self.first_ray,
+            self.last_ray,
+            self.n_rays,
+            self.n_records,
+            self.n_descriptors,
+            self.n_paths,
+            self.n_points,
+            self.n_meetings,
+            self.channel_set,
+            self.flags,
+            len(self.emitted),
+        )
+        return fixed + self.emitted.astype("<i8").tobytes()
+
+    @staticmethod
+    def parse(data: bytes, n_sources: int) -> PortionMeta:
+        """Parse and check a meta block.
+
+        Raises
+        ------
+        FormatError
+            A count breaks the limits of the format or contradicts another one.
+        """
+        if len(data) < _FIXED.size:
+            raise FormatError("portion header is too short")
+        fields = _FIXED.unpack_from(data)
+        if fields[11] != n_sources or len(data) != _FIXED.size + 8 * n_sources:
+            raise FormatError(f"portion header counts {fields[11]} sources, not {n_sources}")
+        flags = fields[10]
+        meta = PortionMeta(
+            number=fields[0],
+            first_ray=fields[1],
+            last_ray=fields[2],
+            n_rays=fields[3],
+            n_records=fields[4],
+            n_descriptors=fields[5],
+            n_paths=fields[6],
+            n_points=fields[7],
+            n_meetings=fields[8],
+            channel_set=fields[9],
+            has_paths=bool(flags & 1),
+            has_ids=bool(flags & 2),
+            has_weights=bool(flags & 4),
+            grouped=bool(flags & 8),
+            emitted=np.frombuffer(data, "<i8", n_sources, _FIXED.size).astype(np.int64),
+        )
+        meta.check()
+        return meta
+
+    def check(self) -> None:
+        """Refuse impossible counts before anything is allocated for them."""
+        n_rays, n_records = self.n_rays, self.n_records
+        span = self.last_ray - self.first_ray + 1
+        sound = (
+            n_rays <= n_records <= PORTION_MAX_RECORDS
+            and (n_rays > 0 or n_records == 0)
+            and self.n_descriptors <= min(MAX_DESCRIPTORS, n_records * MAX_DESCRIPTORS_PER_SEGMENT)
+            and 0 <= self.first_ray <= MAX_RAY
+            and (span >= n_rays > 0 if self.has_ids else span == n_rays)
+            and self.last_ray < MAX_RAY
+            and self.channel_set <= MAX_INDEX
+            and self.number < MAX_RAY
+            and bool((self.emitted >= 0).all())
+        )
+        if self.has_paths:
+            sound = (
+                sound
+                and 1 <= self.n_paths <= n_rays
+                and self.n_paths <= self.n_points <= n_records
+                and self.n_meetings <= self.n_descriptors
+            )
+        else:
+            counts = (self.n_paths, self.n_points, self.n_meetings)
+            sound = sound and counts == (n_rays, n_records, self.n_descriptors)
+        if not sound:
+            raise FormatError(
+                f"portion header declares impossible counts ({n_rays} rays, {n_records} records, "
+                f"{self.n_descriptors} descriptors, {self.n_paths} paths)"
+            )

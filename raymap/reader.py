@@ -1,0 +1,382 @@
+"""RayMap: an open map, read at many places at once, also while it still grows."""
+
+from __future__ import annotations
+
+import bisect
+import os
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raymap.chunks import Chunk, Gap, MapFile
+from raymap.description import read_channel_set, read_directory, read_mesh, read_run
+from raymap.directory import ChannelSet, Directory, DisplayMesh
+from raymap.errors import DamagedPortion, FormatError, NotARayMap, RayNotFound
+from raymap.footer import Footer, IndexEntry, find_footer, read_footer, read_merged
+from raymap.layout import CHANNELS, DETECTOR, DIRECTORY, FILE_HEADER_SIZE, PORTION, RUN
+from raymap.paths import MergedPaths
+from raymap.pathstreams import Bounds
+from raymap.portionmeta import PortionMeta
+from raymap.results import read_result
+from raymap.stored import StoredPortion
+
+__all__ = ["Damage", "RayMap"]
+
+
+@dataclass(frozen=True, slots=True)
+class Damage:
+    """Bytes of a map that cannot be served.
+
+    Attributes
+    ----------
+    portion : number of the portion, None where it is not known
+    offset, length : the bytes
+    reason : what is wrong with them
+    """
+
+    portion: int | None
+    offset: int
+    length: int
+    reason: str
+
+
+class RayMap:
+    """An open ray map; close it or use it as a context manager.
+
+    Attributes
+    ----------
+    path : of the file
+    directory : names, shapes and units
+    channel_sets : by index
+    portions : complete portions in number order
+    finished : the file ends with a footer
+    runs : per run seed, parameters and, when it was finished, statistics
+    damage : what was found damaged so far
+    on_damage : "raise" or "skip"
+    torn_bytes : bytes behind the last complete chunk, of a portion that is being written or was cut
+    """
+
+    def __init__(
+        self, path: str | os.PathLike[str], *, on_damage: Literal["raise", "skip"] = "raise"
+    ) -> None:
+        self.path = Path(path)
+        self.on_damage = on_damage
+        self.damage: list[Damage] = []
+        self._damaged_lock = threading.Lock()
+        self.file = MapFile(self.path)
+        try:
+            self._load()
+        except BaseException:
+            self.file.close()
+            raise
+
+    # -- life --------------------------------------------------------------------------------
+
+    def __enter__(self) -> RayMap:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self.file.close()
+
+    def refresh(self) -> bool:
+        """Take in what was written since; true if there is more (or the map was finished)."""
+        size = self.file.size
+        if size == self.bytes:
+            return False
+        before = len(self.portions), self.finished
+        self._load()
+        return (len(self.portions), self.finished) != before
+
+    # -- counts ------------------------------------------------------------------------------
+
+    @property
+    def rays(self) -> int:
+        """Rays stored."""
+        return sum(portion.n_rays for portion in self.portions)
+
+    @property
+    def records(self) -> int:
+        """Segment records stored."""
+        return sum(portion.n_records for portion in self.portions)
+
+    @property
+    def emitted(self) -> NDArray[np.int64]:
+        """(n_sources,) rays emitted in the portions served."""
+        total = np.zeros(len(self.directory.sources), np.int64)
+        for portion in self.portions:
+            total += portion.emitted
+        return total
+
+    @property
+    def footer_chunk(self) -> Chunk | None:
+        """The footer that ends the file."""
+        return self._footer_chunk
+
+    @property
+    def other_chunks(self) -> list[tuple[int, bytes]]:
+        """(offset, tag) of the chunks that are no portions."""
+        return list(self._footer.chunks)
+
+    @property
+    def bytes_read(self) -> int:
+        """Bytes fetched from the file so far."""
+        return self.file.bytes_read
+
+    @cached_property
+    def meshes(self) -> Mapping[int, DisplayMesh]:
+        """Display meshes by object index, decoded when asked for."""
+        return {
+            number: read_mesh(self.file, self._directory_chunk, number)
+            for number in self._with_mesh
+            if number < len(self.directory.objects)
+        }
+
+    # -- rays --------------------------------------------------------------------------------
+
+    @property
+    def merged(self) -> MergedPaths | None:
+        """The path dictionary of the whole map, None without a sound footer."""
+        if self._footer_chunk is None or not self._footer.has_merged:
+            return None
+        with self._merged_lock:
+            if self._merged is None:
+                try:
+                    self._merged = read_merged(
+                        self.file, self._footer_chunk, self._footer, self.bounds, self._channels
+                    )
+                except FormatError as error:
+                    chunk = self._footer_chunk
+                    damage = Damage(None, chunk.offset, chunk.header.size, str(error))
+                    self._note(damage)
+                    if self.on_damage == "raise":
+                        raise self._error(damage) from None
+                    self._footer_chunk = None
+            return self._merged
+
+    def find_ray(self, ray_id: int) -> tuple[int, int]:
+        """(index of the portion, index of the ray in it).
+
+        Raises
+        ------
+        RayNotFound
+        """
+        place = bisect.bisect_left(self.portions, ray_id, key=lambda portion: portion.last_ray)
+        while place < len(self.portions):
+            portion = self.portions[place]
+            if portion.n_rays:
+                if portion.first_ray > ray_id:
+                    break
+                return place, portion.index_of(ray_id)
+            place += 1
+        raise RayNotFound(f"{self.path} has no ray {ray_id} (it holds {self.rays} rays)")
+
+    def detector_result(
+        self, name: str, channel_set: int = 0
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """What a detector counted over all rays: (Σ w·c, Σ (w·c)²), unnormalised.
+
+        Returns
+        -------
+        sums, sums2 : (cells_v, cells_u, n_channels), or None where results do not cover every
+            portion of the channel set (an interrupted trace); the descriptors say it too
+        """
+        names = [detector.name for detector in self.directory.detectors]
+        wanted = names.index(name)
+        sums = sums2 = None
+        covered: set[int] = set()
+        for offset, tag in self._footer.chunks:
+            if tag != DETECTOR:
+                continue
+            try:
+                chunk = self.file.chunk_at(offset, self.bytes)
+                if chunk.tag != DETECTOR:
+                    raise FormatError("another chunk lies in its place")
+                head = read_result(self.file, chunk, self.directory, self._channels, data=False)
+                if (head.detector, head.channel_set) != (wanted, channel_set):
+                    continue
+                result = read_result(self.file, chunk, self.directory, self._channels)
+            except FormatError as error:
+                self._note(Damage(None, offset, 0, f"detector result: {error}"))
+                continue
+            sums = result.sums if sums is None else sums + result.sums
+            sums2 = result.sums2 if sums2 is None else sums2 + result.sums2
+            covered.update(
+                portion.number
+                for portion in self.portions
+                if result.first_portion <= portion.number < result.end_portion
+            )
+        needed = {p.number for p in self.portions if p.channel_set == channel_set and p.n_rays}
+        if sums is None or sums2 is None or not needed <= covered:
+            return None
+        return sums, sums2
+
+    # -- damage ------------------------------------------------------------------------------
+
+    def report_damage(self, index: IndexEntry, reason: str) -> DamagedPortion:
+        """Remember damage and make the error that says so."""
+        damage = Damage(index.meta.number, index.offset, index.size, reason)
+        self._note(damage)
+        return self._error(damage, index.meta.n_records)
+
+    def _note(self, damage: Damage) -> None:
+        with self._damaged_lock:
+            if all((d.offset, d.portion) != (damage.offset, damage.portion) for d in self.damage):
+                self.damage.append(damage)
+
+    def _error(self, damage: Damage, records: int | None = None) -> DamagedPortion:
+        what = "bytes" if damage.portion is None else f"portion {damage.portion}"
+        lost = "" if records is None else f"; {records} records are unreadable"
+        return DamagedPortion(
+            f"{what} of {str(self.path)!r}: {damage.reason} (bytes {damage.offset}–"
+            f"{damage.offset + damage.length - 1}){lost}, other portions are intact; use "
+            'on_damage="skip" to read them'
+        )
+
+    # -- loading -----------------------------------------------------------------------------
+
+    def _load(self) -> None:
+        size = self.file.size
+        try:
+            chunk = self.file.chunk_at(FILE_HEADER_SIZE, size)
+            if chunk.tag != DIRECTORY:
+                raise FormatError("the first chunk is no directory")
+            self.directory, self._with_mesh = read_directory(self.file, chunk)
+        except FormatError as error:
+            raise NotARayMap(
+                f"{self.path} has no sound directory ({error}): nothing in it can be read"
+            ) from None
+        self._directory_chunk = chunk
+        self.bounds = Bounds.of(self.directory)
+        self._merged: MergedPaths | None = None
+        self._merged_lock = threading.Lock()
+        self._footer_chunk = find_footer(self.file, size)
+        self.torn_bytes = 0
+        self.bytes = size
+        if self._footer_chunk is None or not self._load_footer(self._footer_chunk):
+            self._footer_chunk = None
+            self._walk(size)
+        self.finished = self._footer_chunk is not None
+        self.runs = self._footer.runs
+        self.portions: Sequence[StoredPortion] = [
+            StoredPortion(self, entry) for entry in self._footer.portions
+        ]
+
+    def _load_footer(self, chunk: Chunk) -> bool:
+        """Take the index from the footer; false if it is damaged."""
+        try:
+            self._footer = read_footer(self.file, chunk, len(self.directory.sources))
+            sets = [offset for offset, tag in self._footer.chunks if tag == CHANNELS]
+            self._set_channels(
+                [read_channel_set(self.file, self.file.chunk_at(o, self.bytes)) for o in sets]
+            )
+            if any(e.meta.channel_set >= len(self._channels) for e in self._footer.portions):
+                raise FormatError("a portion names a channel set that the map does not have")
+        except FormatError as error:
+            self._note(Damage(None, chunk.offset, chunk.header.size, f"footer: {error}"))
+            if self.on_damage == "raise":
+                raise self._error(self.damage[-1]) from None
+            return False
+        return True
+
+    def _walk(self, size: int) -> None:
+        """Find the chunks one after the other, as there is no footer."""
+        self._footer = Footer()
+        self._set_channels([])
+        for item in self.file.walk(self._directory_chunk.offset, size):
+            if isinstance(item, Gap):
+                self._take_gap(item, size)
+                continue
+            try:
+                self._take_chunk(item)
+            except FormatError as error:
+                self._found(Damage(None, item.offset, item.header.size, str(error)))
+
+    def _take_gap(self, gap: Gap, size: int) -> None:
+        if gap.end == size:
+            self.torn_bytes = size - gap.offset
+            self.bytes = gap.offset
+        else:
+            self._found(Damage(None, gap.offset, gap.end - gap.offset, gap.reason))
+
+    def _take_chunk(self, chunk: Chunk) -> None:
+        if chunk.tag == PORTION:
+            meta = PortionMeta.parse(chunk.header.meta, len(self.directory.sources))
+            last = self._footer.portions[-1].meta if self._footer.portions else None
+            if last is not None and meta.number <= last.number:
+                raise FormatError(f"portion {meta.number} follows portion {last.number}")
+            if last is not None and meta.n_rays and meta.first_ray <= self._last_ray:
+                raise FormatError(f"portion {meta.number} repeats ray numbers")
+            if meta.channel_set >= len(self._channels):
+                raise FormatError(f"portion {meta.number} names an unknown channel set")
+            self._last_ray = max(meta.last_ray, self._last_ray if last is not None else -1)
+            self._footer.portions.append(IndexEntry(chunk.offset, chunk.header.size, meta))
+            return
+        if chunk.tag == CHANNELS:
+            self._set_channels([*self.channel_sets, read_channel_set(self.file, chunk)])
+        elif chunk.tag == RUN:
+            self._footer.runs.append(read_run(self.file, chunk))
+        self._footer.chunks.append((chunk.offset, chunk.tag))
+
+    def _set_channels(self, channel_sets: list[ChannelSet]) -> None:
+        self.channel_sets = channel_sets
+        self._channels = [channel_set.n_channels for channel_set in channel_sets]
+
+    def _found(self, damage: Damage) -> None:
+        self._note(damage)
+        if self.on_damage == "raise":
+            raise self._error(damage)
+
+    def __iter__(self) -> Iterator[StoredPortion]:
+        return iter(self.portions)
+
+    def __repr__(self) -> str:
+        state = "finished" if self.finished else "unfinished"
+        return f"<RayMap {str(self.path)!r}: {self.rays} rays, {state}>"
+
+    def describe(self) -> dict[str, Any]:
+        """The summary that ``raymap info`` prints."""
+        directory = self.directory
+        records = self.records
+        return {
+            "rays": self.rays,
+            "records": records,
+            "portions": len(self.portions),
+            "bytes": self.bytes,
+            "bytes_per_record": self.bytes / records if records else None,
+            "finished": self.finished,
+            "sources": [source.name for source in directory.sources],
+            "objects": [item.name for item in directory.objects],
+            "faces": list(directory.faces.names),
+            "detectors": [detector.name for detector in directory.detectors],
+            "media": [medium.name for medium in directory.media],
+            "channels": [channel_set.labels for channel_set in self.channel_sets],
+            "units": {"length": directory.length_unit, "flux": directory.flux_unit},
+            "emitted": dict(
+                zip(
+                    (source.name for source in directory.sources),
+                    (int(count) for count in self.emitted),
+                    strict=True,
+                )
+            ),
+            "runs": self.runs,
+            "damaged": [
+                {"portion": d.portion, "offset": d.offset, "length": d.length, "reason": d.reason}
+                for d in self.damage
+            ],
+        }

@@ -1,0 +1,319 @@
+"""One column and its compressed streams: byte planes, zstandard, checksums.
+
+A column of elements of k bytes becomes k streams, one per byte plane, or one stream of whole
+elements. A plane whose bytes are all equal is stored as that byte; a plane that a trial shows to be
+incompressible is stored as it is; the rest goes through zstandard.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+import xxhash
+import zstandard
+from numpy.typing import NDArray
+
+from raymap.errors import FormatError
+from raymap.layout import StreamEntry
+
+__all__ = [
+    "CONSTANT",
+    "KINDS",
+    "STORED",
+    "WHOLE",
+    "ZSTD",
+    "Scope",
+    "StreamSet",
+    "decode_bytes",
+    "decode_column",
+    "kind_of",
+    "stream_rows",
+]
+
+KINDS: dict[int, np.dtype[Any]] = {
+    0: np.dtype("u1"),
+    1: np.dtype("i1"),
+    2: np.dtype("<u2"),
+    3: np.dtype("<i2"),
+    4: np.dtype("<u4"),
+    5: np.dtype("<i4"),
+    6: np.dtype("<u8"),
+    7: np.dtype("<i8"),
+    8: np.dtype("<f4"),
+    9: np.dtype("<f8"),
+    10: np.dtype("?"),
+    11: np.dtype("<c8"),
+    12: np.dtype("<c16"),
+}
+"""Element types of streams by their code in the stream table."""
+
+STORED, ZSTD, CONSTANT = 0, 1, 2
+WHOLE = 255
+LEVEL = 1
+_TRIAL = 8192
+_WORTHWHILE = 0.97
+_SMALL = 2**15
+
+
+class Scope(IntEnum):
+    """What a row of a stream belongs to."""
+
+    OTHER = 0
+    RAY = 1
+    RECORD = 2
+    DESCRIPTOR = 3
+    PATH = 4
+    POINT = 5
+    MEETING = 6
+
+
+_local = threading.local()
+
+
+def _compressor() -> zstandard.ZstdCompressor:
+    if not hasattr(_local, "compressor"):
+        _local.compressor = zstandard.ZstdCompressor(level=LEVEL)
+    return _local.compressor  # type: ignore[no-any-return]
+
+
+def _decompressor() -> zstandard.ZstdDecompressor:
+    if not hasattr(_local, "decompressor"):
+        _local.decompressor = zstandard.ZstdDecompressor()
+    return _local.decompressor  # type: ignore[no-any-return]
+
+
+def kind_of(dtype: np.dtype[Any]) -> int:
+    """Code of an element type.
+
+    Raises
+    ------
+    KeyError
+        The format has no such element type.
+    """
+    little = dtype.newbyteorder("<")
+    return next(code for code, known in KINDS.items() if known == little)
+
+
+@dataclass
+class StreamSet:
+    """Streams of one chunk under construction.
+
+    Attributes
+    ----------
+    raw : store everything as it is, for debugging
+    entries, buffers : stream table and stored bytes, in order
+    """
+
+    raw: bool = False
+    entries: list[StreamEntry] = field(default_factory=list)
+    buffers: list[bytes | NDArray[np.uint8]] = field(default_factory=list)
+
+    @property
+    def stored_bytes(self) -> int:
+        return sum(entry.stored_size for entry in self.entries)
+
+    def add(self, name: str, values: NDArray[Any], scope: Scope = Scope.OTHER) -> None:
+        """Encode a column; rows of a matrix stay together, its elements share the planes."""
+        kind = kind_of(values.dtype)
+        flat = np.ascontiguousarray(values, KINDS[kind]).reshape(-1)
+        width = int(np.prod(values.shape[1:], dtype=np.int64))
+        size = flat.dtype.itemsize
+        if self.raw or size > 8:
+            self._add_plane(name, kind, WHOLE, scope, width, flat.view(np.uint8))
+        elif size == 1:
+            self._add_plane(name, kind, 0, scope, width, flat.view(np.uint8))
+        else:
+            for plane, content in enumerate(_split(flat)):
+                self._add_plane(name, kind, plane, scope, width, content)
+
+    def add_planes(
+        self, name: str, dtype: Any, planes: Sequence[NDArray[np.uint8]], scope: Scope
+    ) -> None:
+        """Encode a column of which the byte planes are there already."""
+        kind = kind_of(np.dtype(dtype))
+        for plane, content in enumerate(planes):
+            self._add_plane(name, kind, plane, scope, 1, content)
+
+    def add_bytes(self, name: str, data: bytes, level: int = 9) -> None:
+        """Store opaque bytes (text) under one name."""
+        packed = zstandard.ZstdCompressor(level=level).compress(data)
+        if self.raw or len(packed) >= len(data):
+            self._append(name, 0, STORED, WHOLE, Scope.OTHER, 1, len(data), data)
+        else:
+            self._append(name, 0, ZSTD, WHOLE, Scope.OTHER, 1, len(data), packed)
+
+    def copy(self, entry: StreamEntry, stored: bytes) -> None:
+        """Carry a stream along as it is stored."""
+        self.entries.append(entry)
+        self.buffers.append(stored)
+
+    def _add_plane(
+        self, name: str, kind: int, plane: int, scope: Scope, width: int, content: NDArray[np.uint8]
+    ) -> None:
+        codec, stored = (STORED, content) if self.raw else compress_plane(content)
+        self._append(name, kind, codec, plane, scope, width, content.size, stored)
+
+    def _append(
+        self,
+        name: str,
+        kind: int,
+        codec: int,
+        plane: int,
+        scope: Scope,
+        width: int,
+        raw_size: int,
+        stored: bytes | NDArray[np.uint8],
+    ) -> None:
+        digest = xxhash.xxh3_64_intdigest(stored)
+        size = len(stored)
+        self.entries.append(
+            StreamEntry(name, kind, codec, plane, int(scope), width, raw_size, size, digest)
+        )
+        self.buffers.append(stored)
+
+
+def compress_plane(content: NDArray[np.uint8]) -> tuple[int, bytes | NDArray[np.uint8]]:
+    """Choose the codec of one plane and apply it: (codec, stored bytes)."""
+    n = content.size
+    if n == 0:
+        return STORED, content
+    # Store one byte where all are equal; the ends and the middle settle most other planes
+    if content[0] == content[-1] == content[n // 2] and content.min() == content.max():
+        return CONSTANT, bytes(content[:1])
+    # Try two blocks before feeding a long plane to the compressor
+    compressor = _compressor()
+    if n > 4 * _TRIAL:
+        trial = sum(
+            len(compressor.compress(content[start : start + _TRIAL]))
+            for start in (n // 3, 2 * n // 3)
+        )
+        if trial > 2 * _TRIAL * _WORTHWHILE:
+            return STORED, content
+    packed = compressor.compress(content)
+    return (ZSTD, packed) if len(packed) < n * _WORTHWHILE else (STORED, content)
+
+
+def stream_rows(entry: StreamEntry) -> int:
+    """Rows of the column of which the entry is a stream.
+
+    Raises
+    ------
+    FormatError
+        Element type or codec are unknown, or sizes contradict each other.
+    """
+    dtype = KINDS.get(entry.kind)
+    if dtype is None:
+        raise FormatError(f"stream {entry.name!r} has unknown element type {entry.kind}")
+    unit = entry.width * (dtype.itemsize if entry.plane == WHOLE else 1)
+    if unit == 0 or entry.raw_size % unit:
+        raise FormatError(f"stream {entry.name!r}: {entry.raw_size} bytes are no whole rows")
+    return entry.raw_size // unit
+
+
+def decode_bytes(entry: StreamEntry, stored: bytes) -> bytes | NDArray[np.uint8]:
+    """Check one stream and undo its codec.
+
+    Raises
+    ------
+    FormatError
+        The checksum fails, the codec is unknown or the sizes are not the declared ones.
+    """
+    if len(stored) != entry.stored_size or xxhash.xxh3_64_intdigest(stored) != entry.hash:
+        raise FormatError(f"stream {entry.name!r} fails its checksum")
+    if entry.codec == STORED and entry.raw_size == entry.stored_size:
+        return stored
+    if entry.codec == CONSTANT and entry.stored_size == 1:
+        return np.full(entry.raw_size, stored[0], np.uint8)
+    if entry.codec == ZSTD:
+        try:
+            if zstandard.frame_content_size(stored) == entry.raw_size:
+                return _decompressor().decompress(stored, max_output_size=entry.raw_size)
+        except zstandard.ZstdError:
+            pass
+        raise FormatError(f"stream {entry.name!r} does not decompress to {entry.raw_size} bytes")
+    raise FormatError(f"stream {entry.name!r}: codec {entry.codec} is unknown or its sizes differ")
+
+
+def decode_column(
+    entries: Sequence[StreamEntry], fetch: Callable[[StreamEntry], bytes], rows: int | None = None
+) -> NDArray[Any]:
+    """Decode a column from its streams.
+
+    Parameters
+    ----------
+    entries : the streams of one name, in table order
+    fetch : gives the stored bytes of an entry
+    rows : expected number of rows; checked before anything is allocated
+
+    Returns
+    -------
+    column : (rows,) or (rows, width), a fresh array
+
+    Raises
+    ------
+    FormatError
+        Damage, or planes that do not make a column.
+    """
+    first = entries[0]
+    n = stream_rows(first)
+    if rows is not None and n != rows:
+        raise FormatError(f"stream {first.name!r} has {n} rows, expected {rows}")
+    dtype = KINDS[first.kind]
+    planes = [entry.plane for entry in entries]
+    whole = planes == [WHOLE]
+    if not whole and planes != list(range(dtype.itemsize)):
+        raise FormatError(f"stream {first.name!r} has planes {planes}")
+    if any(
+        (e.kind, e.width, e.raw_size) != (first.kind, first.width, first.raw_size) for e in entries
+    ):
+        raise FormatError(f"planes of stream {first.name!r} differ in type or size")
+    if whole or dtype.itemsize == 1:
+        flat = np.frombuffer(decode_bytes(first, fetch(first)), np.uint8)
+        column: NDArray[Any] = (flat != 0) if dtype == np.bool_ else flat.copy().view(dtype)
+    else:
+        content = [np.frombuffer(decode_bytes(e, fetch(e)), np.uint8) for e in entries]
+        column = _join(content, dtype)
+    return column if first.width == 1 else column.reshape(n, first.width)
+
+
+def _split(flat: NDArray[Any]) -> NDArray[np.uint8]:
+    size = flat.dtype.itemsize
+    if flat.size < _SMALL or size == 8:
+        return np.ascontiguousarray(flat.view(np.uint8).reshape(-1, size).T)
+    from raymap.planes import split_planes
+
+    return split_planes(flat)
+
+
+def _join(planes: list[NDArray[np.uint8]], dtype: np.dtype[Any]) -> NDArray[Any]:
+    if planes[0].size < _SMALL or dtype.itemsize == 8:
+        values = np.empty((planes[0].size, dtype.itemsize), np.uint8)
+        for number, plane in enumerate(planes):
+            values[:, number] = plane
+        return values.reshape(-1).view(dtype)
+    from raymap.planes import join_planes
+
+    return join_planes([_retyped(plane) for plane in planes], dtype)
+
+
+class _Buffer:
+    """Lends bytes to numpy without the read-only mark, which would double the compiled variants."""
+
+    def __init__(self, plane: NDArray[np.uint8]) -> None:
+        self.plane = plane
+        address = plane.__array_interface__["data"][0]
+        self.__array_interface__ = {
+            "version": 3,
+            "shape": plane.shape,
+            "typestr": "|u1",
+            "data": (address, False),
+        }
+
+
+def _retyped(plane: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    return plane if plane.flags.writeable else np.asarray(_Buffer(plane))
