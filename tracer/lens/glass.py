@@ -1,0 +1,117 @@
+"""The glass of a lens: index and absorption at any wavelength that its data cover."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tracer.lens.errors import LensError
+from tracer.optics.dispersion import Dispersion, OutOfRangeWarning, constant
+
+__all__ = ["AIR", "Glass", "internal_absorption"]
+
+Real = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Glass:
+    """A refractive index law and a table of internal transmittance.
+
+    Attributes
+    ----------
+    dispersion : refractive index, relative to the air around the lens
+    transmittance : internal transmittance by wavelength [nm] of ``transmittance_length_mm`` of
+        glass (without reflection losses); empty for clear glass
+    transmittance_length_mm : thickness that the table is for, 10 or 25 mm in catalogues
+    """
+
+    dispersion: Dispersion
+    transmittance: Mapping[float, float] | tuple[tuple[float, float], ...] = ()
+    transmittance_length_mm: float = 10.0
+
+    def __post_init__(self) -> None:
+        table = tuple(sorted(dict(self.transmittance).items()))
+        for wavelength, value in table:
+            if not (0.0 <= value <= 1.0 and math.isfinite(wavelength)):
+                raise LensError(
+                    f"transmittance of {self.name} is {value:g} at {wavelength:g} nm: "
+                    "an internal transmittance lies between 0 and 1"
+                )
+        if not self.transmittance_length_mm > 0.0:
+            raise LensError(
+                f"transmittance_length_mm of {self.name} is {self.transmittance_length_mm:g}: "
+                "it must be a positive thickness"
+            )
+        object.__setattr__(self, "transmittance", table)
+
+    @property
+    def name(self) -> str:
+        """Name of the glass, for messages."""
+        return self.dispersion.name or f"the {self.dispersion.kind} glass"
+
+    def index(self, wavelength_nm: ArrayLike) -> Real:
+        """Refractive index at vacuum wavelengths [nm].
+
+        Raises
+        ------
+        LensError
+            where the data do not reach
+        """
+        wavelengths = np.asarray(wavelength_nm, np.float64)
+        low, high = self.dispersion.range_nm
+        bad = ~((wavelengths >= low) & (wavelengths <= high) & (wavelengths > 0.0))
+        if np.any(bad):
+            example = float(wavelengths[bad].flat[0]) if wavelengths.ndim else float(wavelengths)
+            raise LensError(
+                f"wavelength_nm is {example:g}: the data of {self.name} cover {low:g} to "
+                f"{high:g} nm; choose a wavelength inside"
+            )
+        return self.dispersion.index(wavelengths)
+
+    def absorption(self, wavelength_nm: ArrayLike) -> Real:
+        """Absorption coefficient [1/mm]; infinite where the table says opaque.
+
+        Outside the table its end values hold, with a warning.
+        """
+        wavelengths = np.asarray(wavelength_nm, np.float64)
+        if not self.transmittance:
+            return np.zeros_like(wavelengths)
+        table = np.array(self.transmittance, np.float64)
+        outside = (wavelengths < table[0, 0]) | (wavelengths > table[-1, 0])
+        if np.any(outside):
+            example = float(np.atleast_1d(wavelengths)[np.atleast_1d(outside)][0])
+            warnings.warn(
+                f"{self.name}: transmittance asked for at {example:g} nm, its table covers "
+                f"{table[0, 0]:g} to {table[-1, 0]:g} nm; the end value is used",
+                OutOfRangeWarning,
+                stacklevel=2,
+            )
+        return internal_absorption(
+            wavelengths, table[:, 0], table[:, 1], self.transmittance_length_mm
+        )
+
+
+def internal_absorption(
+    wavelength_nm: ArrayLike, table_nm: ArrayLike, transmittance: ArrayLike, length_mm: float
+) -> Real:
+    """Absorption coefficient [1/mm] from internal transmittances of a thickness.
+
+    The logarithm of the transmittance is interpolated linearly in wavelength; between a value and
+    an entry 0 (opaque) the glass is opaque.
+    """
+    values = np.asarray(transmittance, np.float64)
+    table = np.asarray(table_nm, np.float64)
+    wavelengths = np.asarray(wavelength_nm, np.float64)
+    opaque = values <= 0.0
+    depth = -np.log(np.where(opaque, 1.0, values))
+    result: Real = np.interp(wavelengths, table, depth) / length_mm
+    shadow = np.interp(wavelengths, table, opaque.astype(np.float64))
+    return np.where(shadow > 0.0, np.inf, result)
+
+
+AIR = Glass(dispersion=constant(1.0, name="air"))
