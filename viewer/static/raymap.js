@@ -1,0 +1,304 @@
+// Widgets of the page that Vuetify does not have: the 3D view, the detector image, the editor of
+// criteria. They hold no data of their own; every answer comes from the program.
+(function () {
+  const call = (name, ...args) => window.trame.trigger(name, args);
+
+  // -- 3D view: shows pictures that the program paints, sends what the mouse does -------------
+  const RmView = {
+    props: { version: { type: Number, default: 0 }, cursor: { type: String, default: "grab" } },
+    template: `
+      <div class="rm-view" ref="box" :style="{cursor: dragging ? 'grabbing' : 'default'}"
+           tabindex="0" data-testid="view" :data-painted="painted" :data-busy="pending"
+           @pointerdown="down" @pointermove="move" @pointerup="up" @pointercancel="up"
+           @pointerleave="hideTip" @wheel.prevent="wheel" @dblclick="fit" @contextmenu.prevent>
+        <img v-show="src" :src="src" draggable="false" alt="scene with rays"/>
+        <div v-if="slow" class="rm-spinner"></div>
+        <div v-if="tip" class="rm-tip" :style="{left: tipX + 'px', top: tipY + 'px'}">{{ tip }}</div>
+      </div>`,
+    data: () => ({ src: null, painted: -1, pending: 0, slow: false, dragging: null, tip: "",
+                   tipX: 0, tipY: 0 }),
+    created() {
+      this.queue = null; this.again = false; this.fine = null; this.hover = null;
+      this.spin = null;
+    },
+    mounted() {
+      this.observer = new ResizeObserver(() => this.request({}));
+      this.observer.observe(this.$refs.box);
+      this.request({});
+    },
+    beforeUnmount() { this.observer.disconnect(); },
+    watch: { version() { this.request({}); } },
+    methods: {
+      size() {
+        const box = this.$refs.box.getBoundingClientRect();
+        return { width: Math.round(box.width), height: Math.round(box.height),
+                 ratio: Math.min(window.devicePixelRatio || 1, 2) };
+      },
+      // One request at a time: what the mouse does meanwhile is added up
+      async request(action) {
+        const waiting = this.queue;
+        if (waiting) {
+          action = { ...waiting, ...action,
+            orbit: add(waiting.orbit, action.orbit), pan: add(waiting.pan, action.pan),
+            zoom: (waiting.zoom || 1) * (action.zoom || 1) };
+        }
+        if (this.pending) { this.queue = action; return; }
+        const size = this.size();
+        if (size.width < 8 || size.height < 8) return;
+        this.queue = null;
+        this.pending = 1;
+        const version = this.version;
+        clearTimeout(this.spin);
+        this.spin = setTimeout(() => { this.slow = true; }, 400);
+        try {
+          const reply = await call("rm_frame", { ...size, ...action });
+          if (reply && reply.image) {
+            const old = this.src;
+            this.src = URL.createObjectURL(new Blob([reply.image], { type: reply.type }));
+            if (old) setTimeout(() => URL.revokeObjectURL(old), 1000);
+            if (!reply.coarse) this.painted = version;
+            clearTimeout(this.fine);
+            if (reply.coarse) this.fine = setTimeout(() => this.request({}), 160);
+          }
+        } finally {
+          this.pending = 0; clearTimeout(this.spin); this.slow = false;
+          if (this.queue || this.version !== version) {
+            const next = this.queue || {}; this.queue = null; this.request(next);
+          }
+        }
+      },
+      place(event) {
+        const box = this.$refs.box.getBoundingClientRect();
+        return [event.clientX - box.left, event.clientY - box.top];
+      },
+      down(event) {
+        this.hideTip();
+        this.$refs.box.setPointerCapture(event.pointerId);
+        const [x, y] = this.place(event);
+        this.dragging = { x, y, x0: x, y0: y, moved: false,
+                          pan: event.button !== 0 || event.shiftKey || event.ctrlKey };
+      },
+      move(event) {
+        const [x, y] = this.place(event);
+        const drag = this.dragging;
+        if (!drag) { this.rest(x, y); return; }
+        if (!drag.moved && Math.hypot(x - drag.x0, y - drag.y0) < 4) return;
+        drag.moved = true;
+        const step = [x - drag.x, y - drag.y];
+        drag.x = x; drag.y = y;
+        this.request({ [drag.pan ? "pan" : "orbit"]: step, coarse: true });
+      },
+      up(event) {
+        const drag = this.dragging;
+        this.dragging = null;
+        if (!drag) return;
+        const [x, y] = this.place(event);
+        if (!drag.moved && event.type === "pointerup" && event.button === 0) {
+          call("rm_pick", { ...this.size(), x, y });
+        }
+      },
+      wheel(event) {
+        const [x, y] = this.place(event);
+        const step = Math.max(-1, Math.min(1, -event.deltaY / 100));
+        this.request({ zoom: Math.pow(1.2, step), x, y, coarse: true });
+      },
+      fit() { call("rm_camera", "fit"); },
+      rest(x, y) {
+        this.hideTip();
+        this.hover = setTimeout(async () => {
+          const text = await call("rm_hover", { ...this.size(), x, y });
+          if (text && !this.dragging) {
+            const width = this.$refs.box.clientWidth;
+            this.tipX = Math.min(x + 14, width - 220); this.tipY = y + 14; this.tip = text;
+          }
+        }, 120);
+      },
+      hideTip() { clearTimeout(this.hover); this.tip = ""; },
+    },
+  };
+  const add = (a, b) => (a && b ? [a[0] + b[0], a[1] + b[1]] : a || b);
+
+  // -- detector image with a region drawn by the mouse -----------------------------------------
+  const RmImage = {
+    props: { src: String, cells: Array, region: Object, shape: { type: String, default: "rect" },
+             label: String, testid: String },
+    emits: ["region", "place"],
+    template: `
+      <div class="rm-image" ref="box" :data-testid="testid"
+           @pointerdown="down" @pointermove="move" @pointerup="up" @pointercancel="drag = null"
+           @pointerleave="$emit('place', null)">
+        <img :src="src" draggable="false" :alt="label"/>
+        <svg :viewBox="'0 0 ' + cells[0] + ' ' + cells[1]" preserveAspectRatio="none">
+          <template v-if="shown">
+            <rect v-if="shown.shape === 'rect'" :x="Math.min(shown.values[0], shown.values[2])"
+                  :y="cells[1] - Math.max(shown.values[1], shown.values[3])"
+                  :width="Math.abs(shown.values[2] - shown.values[0])"
+                  :height="Math.abs(shown.values[3] - shown.values[1])"/>
+            <ellipse v-else :cx="shown.values[0]" :cy="cells[1] - shown.values[1]"
+                     :rx="shown.values[2]" :ry="shown.values[3]"/>
+          </template>
+        </svg>
+        <span class="rm-image-label">{{ label }}</span>
+      </div>`,
+    data: () => ({ drag: null }),
+    computed: {
+      shown() { return this.drag ? this.shapeOf(this.drag) : this.region; },
+    },
+    methods: {
+      cell(event) {
+        const box = this.$refs.box.getBoundingClientRect();
+        const x = (event.clientX - box.left) / box.width * this.cells[0];
+        const y = (1 - (event.clientY - box.top) / box.height) * this.cells[1];
+        return [Math.min(Math.max(x, 0), this.cells[0]), Math.min(Math.max(y, 0), this.cells[1])];
+      },
+      shapeOf(d) {
+        if (this.shape === "rect") {
+          return { shape: "rect", values: [Math.min(d.x0, d.x1), Math.min(d.y0, d.y1),
+                                           Math.max(d.x0, d.x1), Math.max(d.y0, d.y1)] };
+        }
+        return { shape: "ellipse", values: [(d.x0 + d.x1) / 2, (d.y0 + d.y1) / 2,
+                 Math.abs(d.x1 - d.x0) / 2, Math.abs(d.y1 - d.y0) / 2] };
+      },
+      down(event) {
+        if (event.button !== 0) return;
+        event.preventDefault();
+        this.$refs.box.setPointerCapture(event.pointerId);
+        const [x, y] = this.cell(event);
+        this.drag = { x0: x, y0: y, x1: x, y1: y };
+      },
+      move(event) {
+        const [x, y] = this.cell(event);
+        this.$emit("place", [Math.min(Math.floor(x), this.cells[0] - 1),
+                             Math.min(Math.floor(y), this.cells[1] - 1)]);
+        if (this.drag) this.drag = { ...this.drag, x1: x, y1: y };
+      },
+      up() {
+        const drag = this.drag;
+        this.drag = null;
+        if (!drag) return;
+        const size = Math.min(Math.abs(drag.x1 - drag.x0), Math.abs(drag.y1 - drag.y0));
+        if (size >= 1) this.$emit("region", this.shapeOf(drag));
+      },
+    },
+  };
+
+  // -- editor of a criterion: completion of names, errors with a caret --------------------------
+  const RmEditor = {
+    props: { text: { type: String, default: "" }, error: Object },
+    template: `
+      <div class="rm-editor" :class="{wrong: error}">
+        <span class="rm-editor-mark" aria-hidden="true">{{ error ? "!" : "?" }}</span>
+        <input ref="box" :value="text" spellcheck="false" autocomplete="off" data-testid="criterion"
+               aria-label="criterion" placeholder='all rays — try: detected("sensor")'
+               @input="changed" @keydown="key" @blur="later" @click="complete" />
+        <div v-if="items.length" class="rm-completions" data-testid="completions">
+          <div v-for="(item, i) in items" :class="{chosen: i === chosen}"
+               @mousedown.prevent="take(i)"><b>{{ item.text }}</b><i>{{ item.kind }}</i></div>
+        </div>
+        <div v-else-if="error" class="rm-editor-error" data-testid="criterion-error">
+          <pre v-if="error.caret">{{ error.caret }}</pre><div>{{ error.message }}</div>
+        </div>
+      </div>`,
+    data: () => ({ items: [], chosen: -1, from: 0 }),
+    created() { this.timer = null; this.asked = 0; },
+    methods: {
+      send(now) {
+        clearTimeout(this.timer);
+        const value = this.$refs.box.value;
+        this.timer = setTimeout(() => call("rm_criterion", value), now ? 0 : 180);
+      },
+      changed() { this.send(false); this.complete(); },
+      later() { this.items = []; },
+      async complete() {
+        const box = this.$refs.box, number = ++this.asked;
+        const reply = await call("rm_complete", box.value, box.selectionStart);
+        if (number !== this.asked || document.activeElement !== box) return;
+        this.items = reply.items; this.from = reply.from; this.chosen = -1;
+      },
+      key(event) {
+        if (event.key === "Escape") { this.items = []; return; }
+        if (event.key === "Enter") {
+          if (this.items.length && this.chosen >= 0) { event.preventDefault(); this.take(this.chosen); }
+          else { this.items = []; this.send(true); }
+          return;
+        }
+        if (!this.items.length) return;
+        if (event.key === "ArrowDown" || event.key === "ArrowUp") {
+          event.preventDefault();
+          const step = event.key === "ArrowDown" ? 1 : -1, n = this.items.length;
+          this.chosen = (this.chosen + step + n) % n;
+        } else if (event.key === "Tab") {
+          event.preventDefault(); this.take(Math.max(this.chosen, 0));
+        }
+      },
+      take(i) {
+        const box = this.$refs.box, item = this.items[i];
+        const tail = box.value.slice(box.selectionStart);
+        box.value = box.value.slice(0, this.from) + item.insert + tail;
+        const caret = this.from + item.insert.length - (item.back || 0);
+        box.setSelectionRange(caret, caret);
+        box.focus(); this.items = [];
+        this.send(false); this.complete();
+      },
+    },
+  };
+
+  // -- keeps the session in the address, restores it, counts the tabs ---------------------------
+  const RmSession = {
+    props: { address: { type: String, default: "" }, file: Object },
+    template: "<span></span>",
+    mounted() {
+      const url = new URL(window.location);
+      const token = window.raymapToken;
+      if (token && !url.searchParams.get("secret")) {
+        url.searchParams.set("secret", token);
+        window.history.replaceState({}, document.title, url);
+      }
+      const session = window.location.hash.slice(1);
+      if (session) call("rm_restore", session);
+      call("rm_hello");
+      this.onHash = () => call("rm_restore", window.location.hash.slice(1));
+      window.addEventListener("hashchange", this.onHash);
+    },
+    beforeUnmount() { window.removeEventListener("hashchange", this.onHash); },
+    watch: {
+      address(value) {
+        const url = new URL(window.location);
+        url.hash = value;
+        window.history.replaceState({}, document.title, url);
+      },
+      // A file that the program made for the person at this page
+      file(value) {
+        if (!value) return;
+        const link = document.createElement("a");
+        link.href = URL.createObjectURL(new Blob([value.data], { type: value.type }));
+        link.download = value.name;
+        link.click();
+        setTimeout(() => URL.revokeObjectURL(link.href), 5000);
+      },
+    },
+  };
+
+  const RmUpload = {
+    props: { testid: String },
+    template: `<label class="rm-upload"><slot/><input type="file" accept=".json" :data-testid="testid"
+               @change="read"/></label>`,
+    methods: {
+      async read(event) {
+        const file = event.target.files[0];
+        event.target.value = "";
+        if (file) call("rm_load", await file.text());
+      },
+    },
+  };
+
+  window.RaymapWidgets = {
+    install(app) {
+      app.component("rm-view", RmView);
+      app.component("rm-image", RmImage);
+      app.component("rm-editor", RmEditor);
+      app.component("rm-session", RmSession);
+      app.component("rm-upload", RmUpload);
+    },
+  };
+})();
