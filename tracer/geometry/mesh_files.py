@@ -1,0 +1,130 @@
+"""Load meshes from STL, OBJ, PLY and glTF files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raymap.errors import MissingExtra, SceneError
+from tracer.geometry.mesh import TriangleMesh, faces_by_angle, make_mesh, smooth_normals
+
+__all__ = ["FaceRule", "load_mesh"]
+
+FaceRule = Literal["one", "group", "color", "angle"]
+
+
+def load_mesh(
+    path: str | Path,
+    *,
+    name: str | None = None,
+    scale: float = 1.0,
+    faces: FaceRule = "group",
+    angle_deg: float = 30.0,
+    smooth_deg: float | None = None,
+    solid: bool = True,
+    flip: bool = False,
+) -> TriangleMesh:
+    """Read a mesh file and name its faces.
+
+    Parameters
+    ----------
+    path : STL, OBJ, PLY, glTF or GLB file
+    name : of the body; the file's name by default
+    scale : length of the file's unit in scene units (mesh files carry no unit)
+    faces : "one" face for all triangles; one per "group" (object, node or material of the file);
+        one per "color" of the triangles; or faces that end at edges sharper than ``angle_deg``
+    smooth_deg : interpolate normals across edges flatter than this; None keeps flat triangles
+    solid : the mesh must be closed
+    flip : turn all triangles over
+
+    Raises
+    ------
+    SceneError
+        if the file cannot be read, or the mesh cannot be traced
+    MissingExtra
+        without the package trimesh
+    """
+    file = Path(path)
+    body = name or file.stem
+    if not np.isfinite(scale) or scale <= 0.0:
+        raise SceneError(f"mesh {body!r}: the scale must be positive, got {scale:g}")
+    vertices, triangles, groups, colors = _read(file, body)
+    labels: list[str] | None = None
+    if faces == "group":
+        labels = groups
+    elif faces == "color":
+        if colors is None:
+            raise SceneError(
+                f"mesh {body!r}: {file.name} has no colours of triangles; name faces by "
+                '"group" or "angle"'
+            )
+        labels = ["#{:02x}{:02x}{:02x}".format(*row[:3]) for row in colors.tolist()]
+    mesh = make_mesh(vertices * scale, triangles, name=body, labels=labels, solid=solid, flip=flip)
+    if faces == "angle":
+        mesh = faces_by_angle(mesh, angle_deg)
+    if smooth_deg is not None:
+        mesh = smooth_normals(mesh, smooth_deg)
+    return mesh
+
+
+def _read(
+    file: Path, body: str
+) -> tuple[NDArray[np.float64], NDArray[np.int64], list[str], NDArray[np.uint8] | None]:
+    """Vertices, triangles, and for each triangle its group and colour."""
+    try:
+        import trimesh
+    except ImportError as error:
+        raise MissingExtra(
+            f"mesh {body!r}: reading {file.name} needs the package trimesh; "
+            "pip install 'raymap[mesh]'"
+        ) from error
+    if not file.is_file():
+        raise SceneError(f"mesh {body!r}: there is no file {file}")
+    options: dict[str, Any] = {"process": False}
+    if file.suffix.lower() == ".obj":
+        options |= {"split_object": True, "group_material": False, "skip_materials": True}
+    try:
+        scene = trimesh.load_scene(file, **options)
+    except Exception as error:  # a reader of foreign files may raise anything
+        raise SceneError(
+            f"mesh {body!r}: {file.name} cannot be read as a mesh ({error}); "
+            "STL, OBJ, PLY, glTF and GLB are understood"
+        ) from error
+    vertices, triangles, groups, colors = [], [], [], []
+    first = 0
+    for node in scene.graph.nodes_geometry:
+        transform, geometry_name = scene.graph[node]
+        geometry = scene.geometry[geometry_name]
+        if not hasattr(geometry, "faces"):
+            continue
+        placed = geometry.copy()
+        placed.apply_transform(transform)
+        vertices.append(np.asarray(placed.vertices, np.float64))
+        triangles.append(np.asarray(placed.faces, np.int64) + first)
+        groups += [_face_name(str(node), file)] * len(placed.faces)
+        colors.append(_colors(placed))
+        first += len(placed.vertices)
+    if not vertices:
+        raise SceneError(f"mesh {body!r}: {file.name} holds no triangles")
+    painted = [color for color in colors if color is not None]
+    return (
+        np.concatenate(vertices),
+        np.concatenate(triangles),
+        groups,
+        np.concatenate(painted) if len(painted) == len(colors) else None,
+    )
+
+
+def _face_name(node: str, file: Path) -> str:
+    """Name of a face after a node of the file; files without names give "surface"."""
+    return "surface" if node in (file.name, file.stem, "geometry_0", "") else node
+
+
+def _colors(geometry: Any) -> NDArray[np.uint8] | None:
+    visual = geometry.visual
+    if getattr(visual, "kind", None) not in ("face", "vertex"):
+        return None
+    return np.asarray(visual.face_colors, np.uint8)
