@@ -81,7 +81,7 @@ def rays_at(draw: st.DrawFn, lens: Lens, n: int = 40) -> PolarizedRays:
 def random_rays(rng: np.random.Generator, lens: Lens, n: int) -> PolarizedRays:
     """Elliptically polarised rays from a sphere around a lens to points near it."""
     size = lens.semi_aperture_front + lens.thickness
-    x, y, z, place = lens.frame
+    z, place = lens.frame[2], lens.frame[3]
     middle = place + 0.5 * lens.thickness * z
     target = middle + rng.uniform(-0.6, 0.6, (n, 3)) * size
     start = rng.normal(size=(n, 3))
