@@ -99,8 +99,8 @@ class ChunkAppender:
             with contextlib.suppress(OSError):
                 self.cut(offset)
             raise RayMapError(
-                f"{self.path} cannot be continued ({_reason(error)}); the {offset} bytes before are "
-                "sound: make room and go on with --append"
+                f"{self.path} cannot be continued ({_reason(error)}); the {offset} bytes before "
+                "are sound: make room and go on with --append"
             ) from None
         return offset
 

@@ -36,7 +36,7 @@ class Itineraries:
     registered: NDArray[np.bool_]
 
     @property
-    def columns(self) -> tuple[Any, ...]:
+    def columns(self) -> Any:
         """In the order that the compiled passes take."""
         return (
             self.source,
@@ -165,7 +165,10 @@ class PathMerger:
         self.grouped = False
         self._offsets = np.zeros(1025, np.int64)
         self._meeting_offsets = np.zeros(8193, np.int64)
-        self._paths = {"source": np.empty(1024, np.int16), "hash": np.empty(1024, np.uint64)}
+        self._paths: dict[str, NDArray[Any]] = {
+            "source": np.empty(1024, np.int16),
+            "hash": np.empty(1024, np.uint64),
+        }
         self._points: dict[str, NDArray[Any]] = {
             "object": np.empty(8192, np.int16),
             "face": np.empty(8192, np.int32),
@@ -279,7 +282,7 @@ def _grown(array: NDArray[Any], size: int) -> NDArray[Any]:
 def color_sums(
     codes: NDArray[np.int32],
     color_table: NDArray[np.uint16],
-    numbers: NDArray[np.uint32] | NDArray[np.int64],
+    numbers: NDArray[np.uint32],
     weight: NDArray[np.float32] | None,
     n_paths: int,
 ) -> NDArray[np.float64] | NDArray[np.uint64]:

@@ -140,7 +140,7 @@ class Detector(_Entry):
     For ``kind == "plane"``: ``center`` of the rectangle, unit vectors ``axis_u`` and ``axis_v``,
     full ``size`` (width along u, height along v) in scene units; cell (0, 0) is at -u, -v; the
     detector looks along ``axis_u x axis_v``. For "far_field", "camera" and "surface" the axes and
-    ``parameters`` define the mapping; ``size`` is in the units named in ``parameters["size_unit"]``.
+    ``parameters`` define the mapping; ``size`` is in the units of ``parameters["size_unit"]``.
     """
 
     name: Name

@@ -11,11 +11,15 @@ from numpy.typing import NDArray
 from raymap.colors import runs_of_codes
 from raymap.dictionary import Itineraries, color_sums, find_paths, itineraries_of
 from raymap.directory import Directory
+from raymap.geometry import encode_normals, encode_positions
+from raymap.itineraries import explicit_triangles
 from raymap.layout import PORTION, pack_chunk_header
+from raymap.meetings import compile_detectors, encode_meetings
 from raymap.paths import PathDictionary
 from raymap.portion import Portion
-from raymap.portionmeta import PortionMeta
+from raymap.portionmeta import DESCRIPTOR_STREAMS, Encoding, PortionMeta
 from raymap.schema import COLOR_SCALE
+from raymap.shapes import ShapeTable, compile_shapes, shape_codes
 from raymap.streams import Scope, StreamSet
 
 __all__ = ["EncodedPortion", "PortionEncoder"]
@@ -49,19 +53,18 @@ class PortionEncoder:
     def __init__(self, directory: Directory, *, raw: bool = False) -> None:
         self.faces = directory.faces
         self.raw = raw
+        self.shapes = compile_shapes(directory)
+        self.detectors = compile_detectors(directory)
 
     def encode(self, portion: Portion, number: int, n_channel_sets: int) -> EncodedPortion:
         """Encode one portion."""
         rays = itineraries_of(portion, self.faces)
         streams = StreamSet(raw=self.raw)
         found = None if self.raw else find_paths(rays)
+        paths = None
         if found is None:
-            paths = None
-            n_paths, n_points, n_meetings = (
-                portion.n_rays,
-                portion.n_records,
-                len(rays.detector),
-            )
+            table, path_numbers = rays, np.arange(portion.n_rays, dtype=np.uint32)
+            n_paths, n_points, n_meetings = portion.n_rays, portion.n_records, len(rays.detector)
             add_itineraries(streams, rays)
         else:
             table, path_numbers = found
@@ -72,19 +75,16 @@ class PortionEncoder:
             small = np.uint16 if n_paths <= 2**16 else np.uint32
             streams.add("path_number", path_numbers.astype(small), Scope.RAY)
         self._add_triangles(streams, portion, rays)
-        self._add_geometry(streams, portion)
+        encodings = self._add_geometry(streams, portion, rays, table, path_numbers)
+        encodings |= self._add_descriptors(streams, portion)
         _add_colors(streams, portion, rays.offsets, self.raw)
-        _add_descriptors(streams, portion)
         _add_rays(streams, portion)
-        ids = portion.ray_ids
+        ids = portion.ray_ids if portion.n_rays else None
+        first = portion.first_ray if ids is None else int(ids[0])
         meta = PortionMeta(
             number=number,
-            first_ray=portion.first_ray if ids is None or not len(ids) else int(ids[0]),
-            last_ray=(
-                portion.first_ray + portion.n_rays - 1
-                if ids is None or not len(ids)
-                else int(ids[-1])
-            ),
+            first_ray=first,
+            last_ray=first + portion.n_rays - 1 if ids is None else int(ids[-1]),
             n_rays=portion.n_rays,
             n_records=portion.n_records,
             n_descriptors=len(portion.descriptors.detector),
@@ -93,9 +93,10 @@ class PortionEncoder:
             n_meetings=n_meetings,
             channel_set=portion.channel_set,
             has_paths=paths is not None,
-            has_ids=ids is not None and len(ids) > 0,
+            has_ids=ids is not None,
             has_weights=portion.weight is not None,
             grouped=portion.emission is not None,
+            encodings=encodings,
             emitted=portion.emitted,
         )
         header = pack_chunk_header(PORTION, meta.pack(), streams.entries)
@@ -109,21 +110,145 @@ class PortionEncoder:
     def _add_triangles(self, streams: StreamSet, portion: Portion, rays: Itineraries) -> None:
         """Store what the face does not imply: the primitive where a face has several or none."""
         table = self.faces
-        known = rays.face >= 0
-        explicit = portion.object >= 0
-        start = np.zeros(portion.n_records, np.int32)
-        if len(table.names):
-            face = np.where(known, rays.face, 0)
-            explicit &= ~known | (table.primitive_count[face] != 1)
-            start = np.where(known, table.first_primitive[face], 0).astype(np.int32)
-        if explicit.any():
-            streams.add("triangle", (portion.triangle - start)[explicit])
+        explicit = np.empty(portion.n_records, np.int32)
+        n = explicit_triangles(
+            rays.face,
+            table.first_primitive,
+            table.primitive_count,
+            portion.object,
+            portion.triangle,
+            explicit,
+        )
+        if n:
+            streams.add("triangle", explicit[:n])
 
-    def _add_geometry(self, streams: StreamSet, portion: Portion) -> None:
-        for axis, name in enumerate("xyz"):
-            streams.add(f"position.{name}", portion.position[:, axis], Scope.RECORD)
+    def _add_geometry(
+        self,
+        streams: StreamSet,
+        portion: Portion,
+        rays: Itineraries,
+        table: Itineraries,
+        path_numbers: NDArray[np.uint32],
+    ) -> int:
+        """Store positions and normals; returns the encodings chosen."""
+        if self.raw:
+            for axis, name in enumerate("xyz"):
+                streams.add(f"position.{name}", portion.position[:, axis], Scope.RECORD)
+            for axis, name in enumerate("xyz"):
+                streams.add(f"normal.{name}", portion.normal[:, axis], Scope.RECORD)
+            return 0
+        shapes = self.shapes
+        codes = np.empty(table.object.size, np.int32)
+        shape_codes(table.offsets, table.object, table.face, table.event, shapes.face_code, codes)
+        itinerary = (path_numbers, table.offsets, rays.offsets, codes, portion.triangle)
+        return _add_positions(streams, portion, itinerary, shapes) | _add_normals(
+            streams, portion, itinerary, shapes
+        )
+
+    def _add_descriptors(self, streams: StreamSet, portion: Portion) -> int:
+        """Store the meetings beyond what the paths say; returns the encodings chosen."""
+        d = portion.descriptors
+        n = len(d.detector)
+        if not n:
+            return 0
+        plain = (d.cell[:, 0], d.cell[:, 1], d.cosine, d.uv[:, 0], d.uv[:, 1])
+        if self.raw:
+            for name, column in zip(DESCRIPTOR_STREAMS, plain, strict=True):
+                streams.add(name, column, Scope.DESCRIPTOR)
+            return 0
+        folded = np.empty((2, 5, n), np.uint16)
+        missed = [
+            encode_meetings(
+                portion.descriptor_count,
+                d.detector,
+                d.cell,
+                d.cosine,
+                d.uv,
+                portion.position,
+                *self.detectors,
+                bool(reverse),
+                folded[reverse],
+            )
+            for reverse in range(2)
+        ]
+        reverse = int(missed[1] < missed[0])
+        if missed[reverse] > sum(int(np.count_nonzero(column)) for column in plain):
+            for name, column in zip(DESCRIPTOR_STREAMS, plain, strict=True):
+                streams.add(name, column, Scope.DESCRIPTOR)
+            return 0
+        for name, column in zip(DESCRIPTOR_STREAMS, folded[reverse], strict=True):
+            streams.add(name, column, Scope.DESCRIPTOR)
+        return int(Encoding.CROSSINGS | (Encoding.REVERSED if reverse else Encoding(0)))
+
+
+def _add_positions(streams: StreamSet, portion: Portion, itinerary: Any, shapes: ShapeTable) -> int:
+    n = portion.n_records
+    raw = np.empty((3, 4, n), np.uint8)
+    residual = np.empty((4, n), np.uint8)
+    roots = np.empty(n, np.uint8)
+    counts = np.empty(8, np.int64)
+    position = np.ascontiguousarray(portion.position)
+    faces, sphere = True, True
+    while True:
+        encode_positions(
+            *itinerary,
+            shapes.solve,
+            shapes.axis,
+            shapes.first_primitive,
+            shapes.face_start,
+            shapes.primitive_quadric,
+            faces,
+            sphere,
+            position,
+            position.view(np.uint32),
+            raw,
+            residual,
+            roots,
+            counts,
+        )
+        # Give up a kind of shape that saves less than a byte per coordinate
+        _, _, _, solved, face_bits, on_faces, sphere_bits, on_sphere = counts.tolist()
+        bad_faces = on_faces > 0 and face_bits > 24 * on_faces
+        bad_sphere = on_sphere > 0 and sphere_bits > 24 * on_sphere
+        if not bad_faces and not bad_sphere:
+            break
+        faces, sphere = faces and not bad_faces, sphere and not bad_sphere
+    for axis, name in enumerate("xyz"):
+        planes = raw[axis, :, : counts[axis]]
+        streams.add_planes(f"position.{name}", np.float32, planes, Scope.OTHER)
+    if solved:
+        streams.add_planes("position.residual", np.uint32, residual[:, :solved], Scope.OTHER)
+        streams.add("position.root", roots[:solved])
+    chosen = Encoding(0)
+    if on_faces:
+        chosen |= Encoding.SOLVED_FACES
+    if on_sphere:
+        chosen |= Encoding.SOLVED_SPHERE
+    return int(chosen)
+
+
+def _add_normals(streams: StreamSet, portion: Portion, itinerary: Any, shapes: ShapeTable) -> int:
+    planes = np.empty((3, 2, portion.n_records), np.uint8)
+    missed, plain = encode_normals(
+        *itinerary,
+        portion.source,
+        shapes.gradient,
+        shapes.first_primitive,
+        shapes.face_start,
+        shapes.primitive_quadric,
+        np.zeros((len(portion.emitted), 3), np.int16),
+        np.zeros((shapes.n_remembered, 3), np.int16),
+        portion.position,
+        portion.normal,
+        planes,
+    )
+    if missed > plain:
         for axis, name in enumerate("xyz"):
             streams.add(f"normal.{name}", portion.normal[:, axis], Scope.RECORD)
+        return 0
+    for axis, name in enumerate("xyz"):
+        streams.add_planes(f"normal.{name}", np.uint16, planes[axis], Scope.RECORD)
+    return int(Encoding.NORMALS)
 
 
 def add_itineraries(streams: StreamSet, rays: Itineraries) -> None:
@@ -160,11 +285,11 @@ def _with_sums(
         weight = (
             np.ones(portion.n_rays) if portion.weight is None else portion.weight.astype(np.float64)
         )
-        sum_w = np.bincount(path_numbers, weight, n_paths)
+        sum_w = np.bincount(path_numbers, weight, n_paths).astype(np.float64)
         sum_w2 = sum_of_squares(path_numbers, weight, portion.emission, n_paths)
     ends = portion.color_code[offsets[1:] - 1]
     sums = color_sums(ends, portion.color_table, path_numbers, portion.weight, n_paths)
-    colors = sums / COLOR_SCALE if sums.dtype == np.uint64 else sums
+    colors = (sums / COLOR_SCALE if sums.dtype == np.uint64 else sums).astype(np.float64)
     sets = [np.zeros((n_paths, 0)) for _ in range(max(n_channel_sets, portion.channel_set + 1))]
     sets[portion.channel_set] = colors
     return PathDictionary(
@@ -193,14 +318,14 @@ def sum_of_squares(
 ) -> NDArray[np.float64]:
     """Σw² per path; rays of one emission are summed first."""
     if emission is None:
-        return np.bincount(path_numbers, weight**2, n_paths)
+        return np.bincount(path_numbers, weight**2, n_paths).astype(np.float64)
     order = np.lexsort((emission, path_numbers))
     path, group, w = path_numbers[order], emission[order], weight[order]
     starts = np.flatnonzero(
         np.r_[True, (path[1:] != path[:-1]) | (group[1:] != group[:-1])][: len(order)]
     )
     sums = np.add.reduceat(w, starts) if len(starts) else w
-    return np.bincount(path[starts], sums**2, n_paths)
+    return np.bincount(path[starts], sums**2, n_paths).astype(np.float64)
 
 
 def _add_sums(streams: StreamSet, paths: PathDictionary, portion: Portion) -> None:
@@ -232,17 +357,6 @@ def _add_colors(
     table = portion.color_table
     if len(table):
         streams.add("color.table", table[:, :-1] if table.shape[1] > 1 else table)
-
-
-def _add_descriptors(streams: StreamSet, portion: Portion) -> None:
-    descriptors = portion.descriptors
-    if not len(descriptors.detector):
-        return
-    for axis, name in enumerate("uv"):
-        streams.add(f"descriptor.cell_{name}", descriptors.cell[:, axis], Scope.DESCRIPTOR)
-    streams.add("descriptor.cosine", descriptors.cosine, Scope.DESCRIPTOR)
-    for axis, name in enumerate("uv"):
-        streams.add(f"descriptor.{name}", descriptors.uv[:, axis], Scope.DESCRIPTOR)
 
 
 def _add_rays(streams: StreamSet, portion: Portion) -> None:

@@ -11,7 +11,7 @@
     ├── MapLocked (OSError)                 another writer is at work on the map
     ├── SceneMismatch (ValueError)          the map was recorded from another scene
     ├── InvalidPortion (ValueError)         arrays handed to the writer contradict each other
-    ├── LimitExceeded (ValueError)          more objects, cells, records … than the format can number
+    ├── LimitExceeded (ValueError)          more of something than the format can number
     ├── SceneError (ValueError)             a scene description cannot be traced
     ├── CriterionError (ValueError)         a criterion cannot be read
     │   └── UnknownName (KeyError)          it names something the map does not have

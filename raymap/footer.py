@@ -37,6 +37,7 @@ _COUNTS = (
     "channel_set",
     "flags",
 )
+"""Fields of the index; the flags stand last."""
 _SIGNED = {"first_ray", "last_ray"}
 
 
@@ -172,14 +173,8 @@ def read_footer(file: MapFile, chunk: Chunk, n_sources: int) -> Footer:
     previous = -1
     for row in range(n):
         flags = int(counts["flags"][row])
-        meta = PortionMeta(
-            **{name: int(counts[name][row]) for name in _COUNTS if name != "flags"},
-            has_paths=bool(flags & 1),
-            has_ids=bool(flags & 2),
-            has_weights=bool(flags & 4),
-            grouped=bool(flags & 8),
-            emitted=emitted[row],
-        )
+        fields: dict[str, Any] = {name: int(counts[name][row]) for name in _COUNTS[:-1]}
+        meta = PortionMeta(**fields, **PortionMeta.marks(flags), emitted=emitted[row])
         meta.check()
         entry = IndexEntry(int(offsets[row]), int(sizes[row]), meta)
         if entry.offset + entry.size > chunk.offset or meta.number <= previous:

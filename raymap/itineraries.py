@@ -11,8 +11,8 @@ from raymap.kernels import kernel
 
 __all__ = [
     "assign_faces",
-    "count_explicit",
     "expand_points",
+    "explicit_triangles",
     "face_triangles",
     "fill_table",
     "gather_meetings",
@@ -86,7 +86,7 @@ def hash_rays(
     registered: NDArray[np.bool_],
     hashes: NDArray[np.uint64],
 ) -> None:
-    """Hash of each ray's itinerary; equal itineraries have equal hashes, not the other way round."""
+    """Hash of each ray's itinerary; equal itineraries have equal hashes, others hardly ever."""
     for ray in range(source.size):
         h = np.uint64(np.uint16(source[ray])) + _P1
         for i in range(offsets[ray], offsets[ray + 1]):
@@ -390,23 +390,29 @@ def face_triangles(
     objects: NDArray[np.int16],
     explicit: NDArray[np.int32],
     triangles: NDArray[np.int32],
-) -> int:
-    """Rebuild primitives: implied where the face has one, else face start + next explicit value."""
+) -> bool:
+    """Rebuild primitives: implied where the face has one, else face start + next explicit value.
+
+    False where an explicit value is not in its face, or there are too few or too many.
+    """
     used = 0
     for i in range(faces.size):
         face = faces[i]
+        triangle = -1
         if face >= 0:
             triangle = first_primitive[face]
             if primitive_count[face] != 1:
+                if used == explicit.size or not 0 <= explicit[used] < primitive_count[face]:
+                    return False
                 triangle += explicit[used]
                 used += 1
         elif objects[i] >= 0:
+            if used == explicit.size or explicit[used] < -1:
+                return False
             triangle = explicit[used]
             used += 1
-        else:
-            triangle = -1
         triangles[i] = triangle
-    return used
+    return used == explicit.size
 
 
 @kernel
@@ -462,13 +468,23 @@ def sum_weighted_colors(
 
 
 @kernel
-def count_explicit(
-    faces: NDArray[np.int32], primitive_count: NDArray[np.int32], objects: NDArray[np.int16]
+def explicit_triangles(
+    faces: NDArray[np.int32],
+    first_primitive: NDArray[np.int32],
+    primitive_count: NDArray[np.int32],
+    objects: NDArray[np.int16],
+    triangles: NDArray[np.int32],
+    explicit: NDArray[np.int32],
 ) -> int:
-    """Number of records whose primitive the face does not imply."""
+    """Collect the primitives that the faces do not imply, counted from the start of the face."""
     n = 0
     for i in range(faces.size):
         face = faces[i]
-        if (face >= 0 and primitive_count[face] != 1) or (face < 0 and objects[i] >= 0):
+        if face >= 0:
+            if primitive_count[face] != 1:
+                explicit[n] = triangles[i] - first_primitive[face]
+                n += 1
+        elif objects[i] >= 0:
+            explicit[n] = triangles[i]
             n += 1
     return n

@@ -1,7 +1,7 @@
 """The one decorator of all compiled functions, and its flags.
 
 ``error_model="numpy"``: division by zero gives inf or nan, as in the columns around it.
-``nogil=True``: portions run on a thread pool. No ``fastmath`` (it turns ``isnan(nan)`` false) and no
+``nogil=True``: portions run on a thread pool. No ``fastmath`` (it turns ``isnan(nan)`` false), no
 ``parallel`` (its threading layer aborts under a thread pool).
 """
 

@@ -5,7 +5,8 @@
     file   = magic (12) major u2 minor u2, then chunks
     chunk  = tag (8) version u2 n_streams u2 meta_size u4 chunk_size u8 checksum u8
              meta (meta_size)  stream table (64 n_streams)  streams, one after the other
-    stream = name (32) kind u1 codec u1 plane u1 scope u1 width u4 raw_size u8 stored_size u8 hash u8
+    stream = name (32) kind u1 codec u1 plane u1 scope u1 width u4
+             raw_size u8 stored_size u8 hash u8
 
 The checksum is the XXH3-64 of the first 24 bytes of the header, the meta block and the stream
 table; each stream's hash is the XXH3-64 of its bytes as stored. Streams follow each other without
@@ -174,7 +175,7 @@ def parse_chunk_header(data: bytes) -> ChunkHeader:
             name = fields[0].rstrip(b"\0").decode()
         except UnicodeDecodeError:
             raise FormatError("a stream's name is not UTF-8") from None
-        streams.append(StreamEntry(name, *fields[1:], offset=offset))
+        streams.append(StreamEntry(name, *fields[1:], offset))
         offset += fields[7]
     if offset != size:
         raise FormatError(f"streams end at byte {offset} of a chunk of {size} bytes")

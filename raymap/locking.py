@@ -1,4 +1,4 @@
-"""The writer's lock: held by the operating system on the map itself, freed when the process dies."""
+"""The writer's lock: the operating system holds it on the map, and frees it at death."""
 
 from __future__ import annotations
 

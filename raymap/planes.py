@@ -1,4 +1,4 @@
-"""Byte planes: byte k of every element stands together, because high bytes repeat and low ones not."""
+"""Byte planes: byte k of all elements stands together; high bytes repeat, low ones do not."""
 
 from __future__ import annotations
 

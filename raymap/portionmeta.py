@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
+from enum import IntFlag
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +17,37 @@ from raymap.schema import (
     PORTION_MAX_RECORDS,
 )
 
-__all__ = ["PortionMeta"]
+__all__ = ["DESCRIPTOR_STREAMS", "Encoding", "PortionMeta"]
 
 _FIXED = struct.Struct("<QqqIIQIIQHHI")
 MAX_DESCRIPTORS = 2**26
 MAX_RAY = 2**62
+
+DESCRIPTOR_STREAMS = (
+    "descriptor.cell_u",
+    "descriptor.cell_v",
+    "descriptor.cosine",
+    "descriptor.u",
+    "descriptor.v",
+)
+
+
+class Encoding(IntFlag):
+    """How columns of a portion are stored; bits 4 to 8 of its flags."""
+
+    SOLVED_FACES = 1 << 4
+    """One coordinate of points on faces with a quadric is a residual."""
+    SOLVED_SPHERE = 1 << 5
+    """So is that of the ends of rays that left, on the bounding sphere."""
+    NORMALS = 1 << 6
+    """Normals are residuals."""
+    CROSSINGS = 1 << 7
+    """Descriptors are residuals."""
+    REVERSED = 1 << 8
+    """Their cosine is positive against the direction of the detector."""
+
+
+_ENCODINGS = 0x1F0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,6 +64,7 @@ class PortionMeta:
     has_paths : it has a dictionary and path numbers, not plain columns
     has_ids : ray numbers have gaps and are stored
     has_weights, grouped : columns ``weight`` and ``emission`` exist
+    encodings : bits of `Encoding`
     emitted : (n_sources,) int64
     """
 
@@ -53,11 +82,13 @@ class PortionMeta:
     has_ids: bool
     has_weights: bool
     grouped: bool
+    encodings: int
     emitted: NDArray[np.int64]
 
     @property
     def flags(self) -> int:
-        return self.has_paths | self.has_ids << 1 | self.has_weights << 2 | self.grouped << 3
+        marks = self.has_paths | self.has_ids << 1 | self.has_weights << 2 | self.grouped << 3
+        return marks | self.encodings
 
     def pack(self) -> bytes:
         """The meta block."""
@@ -103,14 +134,32 @@ class PortionMeta:
             n_points=fields[7],
             n_meetings=fields[8],
             channel_set=fields[9],
-            has_paths=bool(flags & 1),
-            has_ids=bool(flags & 2),
-            has_weights=bool(flags & 4),
-            grouped=bool(flags & 8),
+            **PortionMeta.marks(flags),
             emitted=np.frombuffer(data, "<i8", n_sources, _FIXED.size).astype(np.int64),
         )
         meta.check()
         return meta
+
+    @staticmethod
+    def marks(flags: int) -> dict[str, Any]:
+        """The fields that the flags hold.
+
+        Raises
+        ------
+        FormatError
+            A flag is set that this version does not know: the columns cannot be decoded.
+        """
+        if flags & ~(_ENCODINGS | 0xF):
+            raise FormatError(
+                f"portion uses encodings that this version does not know ({flags:#x})"
+            )
+        return {
+            "has_paths": bool(flags & 1),
+            "has_ids": bool(flags & 2),
+            "has_weights": bool(flags & 4),
+            "grouped": bool(flags & 8),
+            "encodings": flags & _ENCODINGS,
+        }
 
     def check(self) -> None:
         """Refuse impossible counts before anything is allocated for them."""

@@ -10,14 +10,14 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from raymap.chunks import Chunk, Gap, MapFile
 from raymap.description import read_channel_set, read_directory, read_mesh, read_run
-from raymap.directory import ChannelSet, Directory, DisplayMesh
+from raymap.directory import ChannelSet, DisplayMesh
 from raymap.errors import DamagedPortion, FormatError, NotARayMap, RayNotFound
 from raymap.footer import Footer, IndexEntry, find_footer, read_footer, read_merged
 from raymap.layout import CHANNELS, DETECTOR, DIRECTORY, FILE_HEADER_SIZE, PORTION, RUN
@@ -26,6 +26,10 @@ from raymap.pathstreams import Bounds
 from raymap.portionmeta import PortionMeta
 from raymap.results import read_result
 from raymap.stored import StoredPortion
+
+if TYPE_CHECKING:
+    from raymap.meetings import DetectorTable
+    from raymap.shapes import ShapeTable
 
 __all__ = ["Damage", "RayMap"]
 
@@ -70,6 +74,11 @@ class RayMap:
         self.on_damage = on_damage
         self.damage: list[Damage] = []
         self._damaged_lock = threading.Lock()
+        self._merged_lock = threading.Lock()
+        self._merged: MergedPaths | None = None
+        self._footer_chunk: Chunk | None = None
+        self._footer = Footer()
+        self._last_ray = -1
         self.file = MapFile(self.path)
         try:
             self._load()
@@ -137,6 +146,20 @@ class RayMap:
     def bytes_read(self) -> int:
         """Bytes fetched from the file so far."""
         return self.file.bytes_read
+
+    @cached_property
+    def shapes(self) -> ShapeTable:
+        """Shapes of the faces, compiled for the decoding of geometry."""
+        from raymap.shapes import compile_shapes
+
+        return compile_shapes(self.directory)
+
+    @cached_property
+    def detectors(self) -> DetectorTable:
+        """Detectors, compiled for the decoding of descriptors."""
+        from raymap.meetings import compile_detectors
+
+        return compile_detectors(self.directory)
 
     @cached_property
     def meshes(self) -> Mapping[int, DisplayMesh]:
@@ -263,8 +286,7 @@ class RayMap:
             ) from None
         self._directory_chunk = chunk
         self.bounds = Bounds.of(self.directory)
-        self._merged: MergedPaths | None = None
-        self._merged_lock = threading.Lock()
+        self._merged = None
         self._footer_chunk = find_footer(self.file, size)
         self.torn_bytes = 0
         self.bytes = size
@@ -297,6 +319,7 @@ class RayMap:
     def _walk(self, size: int) -> None:
         """Find the chunks one after the other, as there is no footer."""
         self._footer = Footer()
+        self._last_ray = -1
         self._set_channels([])
         for item in self.file.walk(self._directory_chunk.offset, size):
             if isinstance(item, Gap):
@@ -320,11 +343,11 @@ class RayMap:
             last = self._footer.portions[-1].meta if self._footer.portions else None
             if last is not None and meta.number <= last.number:
                 raise FormatError(f"portion {meta.number} follows portion {last.number}")
-            if last is not None and meta.n_rays and meta.first_ray <= self._last_ray:
+            if meta.n_rays and meta.first_ray <= self._last_ray:
                 raise FormatError(f"portion {meta.number} repeats ray numbers")
             if meta.channel_set >= len(self._channels):
                 raise FormatError(f"portion {meta.number} names an unknown channel set")
-            self._last_ray = max(meta.last_ray, self._last_ray if last is not None else -1)
+            self._last_ray = max(meta.last_ray, self._last_ray)
             self._footer.portions.append(IndexEntry(chunk.offset, chunk.header.size, meta))
             return
         if chunk.tag == CHANNELS:

@@ -14,7 +14,7 @@ from raymap.layout import PORTION, ChunkHeader, StreamEntry
 from raymap.paths import PathDictionary
 from raymap.pathstreams import check_itineraries, offsets_from_counts
 from raymap.portion import Descriptors, Portion
-from raymap.portionmeta import PortionMeta
+from raymap.portionmeta import DESCRIPTOR_STREAMS, Encoding, PortionMeta
 from raymap.schema import COLOR_SCALE, NONE, SEGMENT_DTYPE
 from raymap.streams import Scope, decode_column
 
@@ -177,37 +177,68 @@ class StoredPortion:
             raise self._damaged("a colour sums to more than one")
         return np.concatenate((stored, last[:, None].astype(np.uint16)), 1)
 
-    def descriptors(self) -> Descriptors:
-        """All meetings with detectors, in record order."""
-        n = self.n_descriptors
+    def descriptors(self, position: NDArray[np.float32] | None = None) -> Descriptors:
+        """All meetings with detectors, in record order.
+
+        Parameters
+        ----------
+        position : the column, where the caller has it: places on flat detectors follow from it
+        """
         detector, registered = self._meetings()
-        names = ("cell_u", "cell_v", "cosine", "u", "v")
-        kinds = (np.uint16, np.uint16, np.int16, np.uint16, np.uint16)
-        if n == 0:
-            columns = [np.empty(0, kind) for kind in kinds]
+        if not self._index.meta.encodings & Encoding.CROSSINGS:
+            cell, cosine, uv = self._plain_descriptors()
         else:
-            columns = [
-                self._stream(f"descriptor.{name}", n, kind)
-                for name, kind in zip(names, kinds, strict=True)
-            ]
+            cell, cosine, uv = self._crossings(detector, position)
         return Descriptors(
-            detector=detector,
-            cell=np.stack(columns[:2], 1),
-            cosine=columns[2],
-            uv=np.stack(columns[3:], 1),
-            registered=registered,
+            detector=detector, cell=cell, cosine=cosine, uv=uv, registered=registered
         )
+
+    def _plain_descriptors(self) -> tuple[NDArray[Any], ...]:
+        n = self.n_descriptors
+        if n == 0:
+            return np.empty((0, 2), np.uint16), np.empty(0, np.int16), np.empty((0, 2), np.uint16)
+        kinds = (np.uint16, np.uint16, np.int16, np.uint16, np.uint16)
+        columns = [
+            self._stream(name, n, kind)
+            for name, kind in zip(DESCRIPTOR_STREAMS, kinds, strict=True)
+        ]
+        return np.stack(columns[:2], 1), columns[2], np.stack(columns[3:], 1)
+
+    def _crossings(
+        self, detector: NDArray[np.int16], position: NDArray[np.float32] | None
+    ) -> tuple[NDArray[Any], ...]:
+        from raymap.meetings import decode_meetings
+
+        n = self.n_descriptors
+        folded = np.stack([self._stream(name, n, np.uint16) for name in DESCRIPTOR_STREAMS])
+        cell, uv = np.empty((n, 2), np.uint16), np.empty((n, 2), np.uint16)
+        cosine = np.empty(n, np.int16)
+        counts = self._column_descriptor_count()
+        self._meeting_offsets(counts)
+        decode_meetings(
+            counts,
+            detector,
+            self._column_position() if position is None else position,
+            *self._map.detectors,
+            bool(self._index.meta.encodings & Encoding.REVERSED),
+            folded,
+            cell,
+            cosine,
+            uv,
+        )
+        return cell, cosine, uv
 
     def read(self) -> Portion:
         """Everything."""
         ids = self.ray_ids() if self._index.meta.has_ids else None
         known = {*_RAY_COLUMNS, *_RECORD_COLUMNS}
+        position = self.column("position")
         return Portion(
             emitted=self.emitted.copy(),
             source=self.column("source"),
             records_per_ray=np.diff(self.record_offsets()).astype(np.int32),
-            position=self.column("position"),
-            normal=self.column("normal"),
+            position=position,
+            normal=self._normals(position),
             object=self.column("object"),
             triangle=self.column("triangle"),
             event=self.column("event"),
@@ -215,7 +246,7 @@ class StoredPortion:
             color_code=self.column("color_code"),
             color_table=self.color_table(),
             descriptor_count=self.column("descriptor_count"),
-            descriptors=self.descriptors(),
+            descriptors=self.descriptors(position),
             first_ray=self.first_ray,
             ray_ids=ids,
             channel_set=self.channel_set,
@@ -408,30 +439,95 @@ class StoredPortion:
         return detector, registered
 
     def _column_triangle(self) -> NDArray[np.int32]:
-        from raymap.itineraries import count_explicit, face_triangles
+        from raymap.itineraries import face_triangles
 
         faces = self._map.directory.faces
-        face = self._points("face")
-        objects = self._points("object")
-        needed = count_explicit(face, faces.primitive_count, objects)
-        if needed:
-            explicit = self._stream("triangle", needed, np.int32)
+        if "triangle" in self._streams:
+            explicit = self._stream("triangle", None, np.int32)
         else:
             explicit = np.empty(0, np.int32)
         out = np.empty(self.n_records, np.int32)
-        face_triangles(face, faces.first_primitive, faces.primitive_count, objects, explicit, out)
+        if not face_triangles(
+            self._points("face"),
+            faces.first_primitive,
+            faces.primitive_count,
+            self._points("object"),
+            explicit,
+            out,
+        ):
+            raise self._damaged("primitives do not fit the faces")
         return out
 
+    def _itinerary(self, needs_triangles: bool) -> Any:
+        """Path numbers, offsets, shape codes and primitives, as the geometry's passes take them."""
+        from raymap.shapes import MANY, shape_codes
+
+        paths = self.paths()
+        codes = np.empty(paths.n_points, np.int32)
+        shapes = self._map.shapes
+        shape_codes(paths.offsets, paths.object, paths.face, paths.event, shapes.face_code, codes)
+        needs_triangles = needs_triangles and bool((codes <= MANY).any())
+        triangles = self._column_triangle() if needs_triangles else np.empty(0, np.int32)
+        return self.path_numbers(), paths.offsets, self.record_offsets(), codes, triangles
+
     def _column_position(self) -> NDArray[np.float32]:
+        encodings = self._index.meta.encodings
+        solve_faces = bool(encodings & Encoding.SOLVED_FACES)
+        solve_sphere = bool(encodings & Encoding.SOLVED_SPHERE)
         out = np.empty((self.n_records, 3), np.float32)
-        for axis, name in enumerate("xyz"):
-            out[:, axis] = self._stream(f"position.{name}", self.n_records, np.float32)
+        if not solve_faces and not solve_sphere:
+            for axis, name in enumerate("xyz"):
+                out[:, axis] = self._stream(f"position.{name}", self.n_records, np.float32)
+            return out
+        from raymap.geometry import decode_positions
+
+        shapes = self._map.shapes
+        sound = decode_positions(
+            *self._itinerary(solve_faces and len(shapes.primitive_quadric) > 0),
+            shapes.solve,
+            shapes.axis,
+            shapes.first_primitive,
+            shapes.face_start,
+            shapes.primitive_quadric,
+            solve_faces,
+            solve_sphere,
+            *(self._stream(f"position.{name}", None, np.float32).view(np.uint32) for name in "xyz"),
+            self._stream("position.residual", None, np.uint32),
+            self._stream("position.root", None, np.uint8),
+            out,
+            out.view(np.uint32),
+        )
+        if not sound:
+            raise self._damaged("positions do not fit the paths")
         return out
 
     def _column_normal(self) -> NDArray[np.int16]:
+        return self._normals(None)
+
+    def _normals(self, position: NDArray[np.float32] | None) -> NDArray[np.int16]:
+        """Normals; residuals need the positions, which may be there already."""
         out = np.empty((self.n_records, 3), np.int16)
-        for axis, name in enumerate("xyz"):
-            out[:, axis] = self._stream(f"normal.{name}", self.n_records, np.int16)
+        n = self.n_records
+        if not self._index.meta.encodings & Encoding.NORMALS:
+            for axis, name in enumerate("xyz"):
+                out[:, axis] = self._stream(f"normal.{name}", n, np.int16)
+            return out
+        from raymap.geometry import decode_normals
+
+        shapes = self._map.shapes
+        decode_normals(
+            *self._itinerary(True),
+            self._column_source(),
+            shapes.gradient,
+            shapes.first_primitive,
+            shapes.face_start,
+            shapes.primitive_quadric,
+            np.zeros((len(self.emitted), 3), np.int16),
+            np.zeros((shapes.n_remembered, 3), np.int16),
+            self._column_position() if position is None else position,
+            *(self._stream(f"normal.{name}", n, np.uint16) for name in "xyz"),
+            out,
+        )
         return out
 
     def _column_color_code(self) -> NDArray[np.int32]:

@@ -8,7 +8,7 @@ incompressible is stored as it is; the rest goes through zstandard.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any
@@ -132,7 +132,7 @@ class StreamSet:
                 self._add_plane(name, kind, plane, scope, width, content)
 
     def add_planes(
-        self, name: str, dtype: Any, planes: Sequence[NDArray[np.uint8]], scope: Scope
+        self, name: str, dtype: Any, planes: Iterable[NDArray[np.uint8]], scope: Scope
     ) -> None:
         """Encode a column of which the byte planes are there already."""
         kind = kind_of(np.dtype(dtype))
@@ -169,7 +169,7 @@ class StreamSet:
         raw_size: int,
         stored: bytes | NDArray[np.uint8],
     ) -> None:
-        digest = xxhash.xxh3_64_intdigest(stored)
+        digest = xxhash.xxh3_64_intdigest(memoryview(stored))
         size = len(stored)
         self.entries.append(
             StreamEntry(name, kind, codec, plane, int(scope), width, raw_size, size, digest)
@@ -183,18 +183,17 @@ def compress_plane(content: NDArray[np.uint8]) -> tuple[int, bytes | NDArray[np.
     if n == 0:
         return STORED, content
     # Store one byte where all are equal; the ends and the middle settle most other planes
-    if content[0] == content[-1] == content[n // 2] and content.min() == content.max():
+    if content[0] == content[-1] == content[n // 2] and int(content.min()) == int(content.max()):
         return CONSTANT, bytes(content[:1])
     # Try two blocks before feeding a long plane to the compressor
     compressor = _compressor()
     if n > 4 * _TRIAL:
-        trial = sum(
-            len(compressor.compress(content[start : start + _TRIAL]))
-            for start in (n // 3, 2 * n // 3)
-        )
+        trial = 0
+        for start in (n // 3, 2 * n // 3):
+            trial += len(compressor.compress(content[start : start + _TRIAL].data))
         if trial > 2 * _TRIAL * _WORTHWHILE:
             return STORED, content
-    packed = compressor.compress(content)
+    packed = compressor.compress(content.data)
     return (ZSTD, packed) if len(packed) < n * _WORTHWHILE else (STORED, content)
 
 

@@ -1,0 +1,158 @@
+"""Shapes of faces as arrays: what the encoding of positions and normals leans on.
+
+Each point of a path has a *shape code*:
+
+====================  ==========================================================================
+>= 0                  row of `ShapeTable.gradient`: a quadric
+NO_SHAPE              nothing is known of the point
+EMISSION              first record of a ray, on no face
+LEFT                  end of a ray that left: on the bounding sphere
+MANY - face           the face has several primitives, the record's own one decides
+====================  ==========================================================================
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raymap.directory import Directory, Quadric
+from raymap.events import Event
+from raymap.kernels import kernel
+
+__all__ = ["EMISSION", "LEFT", "MANY", "NO_SHAPE", "ShapeTable", "compile_shapes", "shape_codes"]
+
+NO_SHAPE, EMISSION, LEFT, MANY = -1, -2, -3, -10
+MAX_REMEMBERED = 2**22
+"""Normals of meshes are remembered by primitive if the scene has at most this many."""
+
+_LEFT_SCENE = int(Event.LEFT_SCENE)
+_SPHERE_AXIS: Literal[2] = 2
+
+
+class ShapeTable(NamedTuple):
+    """Quadrics of a directory; the last row is the bounding sphere.
+
+    Attributes
+    ----------
+    solve : (n, 10) coefficients in the order in which `raymap.geometry.solve` takes them
+    gradient : (n, 10) coefficients as the directory has them
+    axis : (n,) coordinate that is rebuilt, -1 none
+    face_code : (n_faces,) shape code of points on each face
+    first_primitive : (n_faces,)
+    face_start : (n_faces,) primitives of all faces before, those of other objects included
+    primitive_quadric : (n_primitives,) or (0,), row of the quadric of each primitive, -1 none
+    n_remembered : primitives whose last normal is remembered, 0 in scenes with too many
+    """
+
+    solve: NDArray[np.float64]
+    gradient: NDArray[np.float64]
+    axis: NDArray[np.int8]
+    face_code: NDArray[np.int32]
+    first_primitive: NDArray[np.int32]
+    face_start: NDArray[np.int64]
+    primitive_quadric: NDArray[np.int32]
+    n_remembered: int
+
+    @property
+    def sphere(self) -> int:
+        """Row of the bounding sphere."""
+        return len(self.axis) - 1
+
+
+def compile_shapes(directory: Directory) -> ShapeTable:
+    """The shapes of a directory."""
+    table = directory.faces
+    faces = [face for item in directory.objects for face in item.faces]
+    face_start = np.zeros(len(faces) + 1, np.int64)
+    np.cumsum(table.primitive_count, out=face_start[1:])
+    n_primitives = int(face_start[-1])
+    several = any(face.primitive_count > 1 and face.quadrics for face in faces)
+    primitive_quadric = np.full(n_primitives if several else 0, -1, np.int32)
+    face_code = np.full(len(faces), NO_SHAPE, np.int32)
+    quadrics: list[Quadric] = []
+    for number, face in enumerate(faces):
+        if face.primitive_count > 1:
+            face_code[number] = MANY - number
+        for primitive, quadric in enumerate(face.quadrics):
+            if quadric is None:
+                continue
+            if face.primitive_count > 1:
+                primitive_quadric[face_start[number] + primitive] = len(quadrics)
+            else:
+                face_code[number] = len(quadrics)
+            quadrics.append(quadric)
+    quadrics.append(_sphere(directory))
+    coefficients = np.array([quadric.coefficients for quadric in quadrics], np.float64)
+    axis = np.array([-1 if q.solve_axis is None else q.solve_axis for q in quadrics], np.int8)
+    return ShapeTable(
+        solve=np.array([_in_order(row, a) for row, a in zip(coefficients, axis, strict=True)]),
+        gradient=coefficients,
+        axis=axis,
+        face_code=face_code,
+        first_primitive=table.first_primitive,
+        face_start=face_start[:-1],
+        primitive_quadric=primitive_quadric,
+        n_remembered=n_primitives if n_primitives <= MAX_REMEMBERED else 0,
+    )
+
+
+def _sphere(directory: Directory) -> Quadric:
+    """The bounding sphere as a quadric, its coefficients in float64 operations of fixed order."""
+    x, y, z = directory.bounding_sphere.center
+    radius = directory.bounding_sphere.radius
+    constant = ((x * x + y * y) + z * z) - radius * radius
+    return Quadric(
+        coefficients=(1.0, 1.0, 1.0, 0.0, 0.0, 0.0, -2.0 * x, -2.0 * y, -2.0 * z, constant),
+        solve_axis=_SPHERE_AXIS,
+    )
+
+
+def _in_order(c: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
+    """Coefficients (aa, ab, ac, a, bb, cc, bc, b, c, 1), a the solved axis and b < c the others."""
+    a = max(int(axis), 0)
+    b, d = [k for k in range(3) if k != a]
+    mixed = {(0, 1): 3, (0, 2): 4, (1, 2): 5}
+
+    def cross(p: int, q: int) -> float:
+        return float(c[mixed[min(p, q), max(p, q)]])
+
+    return np.array(
+        [
+            c[a],
+            cross(a, b),
+            cross(a, d),
+            c[6 + a],
+            c[b],
+            c[d],
+            cross(b, d),
+            c[6 + b],
+            c[6 + d],
+            c[9],
+        ]
+    )
+
+
+@kernel
+def shape_codes(
+    offsets: NDArray[np.int64],
+    objects: NDArray[np.int16],
+    faces: NDArray[np.int32],
+    events: NDArray[np.int32],
+    face_code: NDArray[np.int32],
+    codes: NDArray[np.int32],
+) -> None:
+    """Shape code of each point of paths (or of each record)."""
+    for path in range(offsets.size - 1):
+        first = offsets[path]
+        for i in range(first, offsets[path + 1]):
+            if faces[i] >= 0:
+                codes[i] = face_code[faces[i]]
+            elif i == first:
+                codes[i] = EMISSION
+            elif objects[i] < 0 and events[i] & _LEFT_SCENE:
+                codes[i] = LEFT
+            else:
+                codes[i] = NO_SHAPE
