@@ -1,0 +1,1 @@
+"""Backward pictures of crystals: what a camera sees through them."""

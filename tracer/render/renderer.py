@@ -1,0 +1,310 @@
+"""Render a scene: tiles on an executor, progress, resumable, with a bound of what was left out."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raymap.errors import SceneError
+from tracer.crystals.bodies import BodyArrays, CrystalBody, compile_bodies
+from tracer.crystals.media import Crystal, isotropic
+from tracer.crystals.rows import ISOTROPIC, KIND
+from tracer.render.camera import Camera
+from tracer.render.images import spectral_channels, to_bytes, write_exr, write_png
+from tracer.render.room import Room, RoomArrays
+from tracer.render.spectra import primary_spectra, rgb_weights
+
+__all__ = ["HALF_STEP", "Picture", "RenderScene", "render"]
+
+Real = NDArray[np.float64]
+
+HALF_STEP = 0.5 / 255.0 / 12.92
+"""Half an 8-bit step of sRGB where the curve is steepest, in linear light."""
+
+_TILE = 24
+
+
+@dataclass(frozen=True, kw_only=True)
+class RenderScene:
+    """Crystals in a room before a camera.
+
+    Attributes
+    ----------
+    bodies : of crystal
+    room : the emitting walls
+    camera : with or without analyser
+    wavelengths_nm : (m,) samples of the spectrum
+    max_events : depth of the tree, in surface events
+    pruning_error : largest error by pruning in any linear sRGB value; 0 grows the whole tree
+    world : isotropic medium between the bodies
+    contacts : pairs of bodies that share an interface
+    name : for progress and messages
+    """
+
+    bodies: tuple[CrystalBody, ...]
+    room: Room
+    camera: Camera
+    wavelengths_nm: Real
+    max_events: int = 15
+    pruning_error: float = HALF_STEP
+    world: Crystal = field(default_factory=lambda: isotropic(1.0, name="air"))
+    contacts: tuple[tuple[str, str], ...] = ()
+    name: str = "scene"
+
+    def __post_init__(self) -> None:
+        if self.max_events < 1:
+            raise SceneError("render: depth must be at least 1")
+        if self.pruning_error < 0.0:
+            raise SceneError("render: pruning_error must not be negative")
+        if len(self.wavelengths_nm) < 1 or not np.all(np.asarray(self.wavelengths_nm) > 0.0):
+            raise SceneError("render: wavelengths must be positive")
+        low, high = np.array(self.room.low), np.array(self.room.high)
+        for body in self.bodies:
+            if not (np.all(body.vertices > low) and np.all(body.vertices < high)):
+                raise SceneError(f"body {body.name!r} sticks out of the room; enlarge the room")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Picture:
+    """A rendered picture.
+
+    Attributes
+    ----------
+    spectral : (h, w, m) radiance at each wavelength
+    rgb : (h, w, 3) linear sRGB
+    error_bound : (h, w) bound of the error by pruning of any linear sRGB value
+    truncated : (h, w) largest share at any wavelength that was cut at the depth limit
+    wavelengths_nm : (m,)
+    seconds : of computation
+    """
+
+    spectral: Real
+    rgb: Real
+    error_bound: Real
+    truncated: Real
+    wavelengths_nm: Real
+    seconds: float
+
+    def save(self, path: str | Path) -> None:
+        """Write a .png or .exr (RGB, spectral channels, error bound); nothing else is known."""
+        target = Path(path)
+        if target.suffix.lower() == ".png":
+            write_png(target, to_bytes(self.rgb))
+        elif target.suffix.lower() == ".exr":
+            channels = dict(zip("RGB", np.moveaxis(self.rgb, -1, 0), strict=True))
+            channels |= spectral_channels(self.wavelengths_nm, self.spectral)
+            channels |= {"pruning.bound": self.error_bound, "depth.truncated": self.truncated}
+            write_exr(target, channels, text={"spectralLayoutVersion": "1.0"})
+        else:
+            raise SceneError(f"picture {str(target)!r}: write .png or .exr")
+
+
+@dataclass
+class _Work:
+    """What all tiles share, and what they fill."""
+
+    scene: RenderScene
+    bodies: BodyArrays
+    room: RoomArrays
+    media: Real
+    primaries: Real
+    weights: Real
+    tolerance: Real
+    spectral: Real
+    bound: Real
+    truncated: Real
+    capacity: int
+    stop: threading.Event = field(default_factory=threading.Event)
+
+
+def _tolerances(weights: Real, primaries: Real, brightest: float, error: float) -> Real:
+    """Share that may be pruned at each wavelength so that no sRGB value is off by more.
+
+    A wavelength counts by its weight g; cost falls slowly with tolerance, so the tolerance is
+    spread as g^-0.7, with sum of g times tolerance equal to the error.
+    """
+    g = np.abs(weights).max(axis=1) * primaries.max(axis=1) * brightest
+    g = np.maximum(g, 1e-12)
+    spread = g**-0.7
+    result: Real = np.minimum(error * spread / float(np.sum(g * spread)), 1.0)
+    return result
+
+
+def _prepare(scene: RenderScene) -> _Work:
+    wavelengths = np.asarray(scene.wavelengths_nm, np.float64)
+    media = np.array(
+        [
+            [body.medium.row(float(wavelength)) for body in scene.bodies]
+            + [scene.world.row(float(wavelength))]
+            for wavelength in wavelengths
+        ]
+    )
+    if not np.all(media[:, -1, KIND] == ISOTROPIC):
+        raise SceneError(f"render: the world {scene.world.name!r} must be isotropic")
+    room = scene.room.compile()
+    primaries = primary_spectra(wavelengths)
+    weights = rgb_weights(wavelengths)
+    brightest = float(room.texels.max()) if room.texels.size else 0.0
+    width, height = scene.camera.pixels
+    exact = scene.pruning_error == 0.0
+    return _Work(
+        scene=scene,
+        bodies=compile_bodies(scene.bodies, scene.contacts),
+        room=room,
+        media=media,
+        primaries=primaries,
+        weights=weights,
+        tolerance=_tolerances(weights, primaries, brightest or 1.0, scene.pruning_error),
+        spectral=np.zeros((height, width, len(wavelengths))),
+        bound=np.zeros((height, width)),
+        truncated=np.zeros((height, width)),
+        capacity=min(4 << scene.max_events, 400_000) if exact else 8192,
+    )
+
+
+def _tile(work: _Work, x0: int, y0: int) -> tuple[int, int]:
+    """Render one tile into the shared arrays."""
+    from tracer.render.pixels import render_rays
+
+    camera = work.scene.camera
+    columns, rows = np.meshgrid(
+        np.arange(x0, min(x0 + _TILE, camera.pixels[0])),
+        np.arange(y0, min(y0 + _TILE, camera.pixels[1])),
+    )
+    shape = columns.shape
+    per_pixel = camera.rays_per_pixel
+    count = len(work.scene.wavelengths_nm)
+    results = np.zeros((3, *shape, count))
+    for line in range(shape[0]):
+        if work.stop.is_set():
+            return -1, -1
+        rays = camera.rays(columns[line], rows[line])
+        sums = np.zeros((3, len(rays.origin), count))
+        render_rays(
+            work.bodies,
+            work.room,
+            work.media,
+            np.asarray(work.scene.wavelengths_nm, np.float64),
+            work.primaries,
+            rays.origin,
+            rays.direction,
+            rays.analyser,
+            work.scene.max_events,
+            work.tolerance,
+            work.capacity,
+            sums[0],
+            sums[1],
+            sums[2],
+        )
+        results[:, line] = sums.reshape(3, shape[1], per_pixel, count).mean(axis=2)
+    y, x = slice(y0, y0 + shape[0]), slice(x0, x0 + shape[1])
+    work.spectral[y, x] = results[0]
+    brightest = float(work.room.texels.max())
+    g = np.abs(work.weights) * (work.primaries.max(axis=1) * brightest)[:, None]
+    work.bound[y, x] = (results[1] @ g).max(axis=-1)
+    work.truncated[y, x] = results[2].max(axis=-1)
+    return x0, y0
+
+
+def _fingerprint(work: _Work) -> str:
+    digest = hashlib.sha256(repr(work.scene.camera).encode())
+    digest.update(repr((work.scene.max_events, work.scene.pruning_error)).encode())
+    for array in (*work.bodies[:6], *work.room, work.media, work.scene.wavelengths_nm):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def _load_state(path: Path, work: _Work, fingerprint: str) -> set[tuple[int, int]]:
+    """Tiles that an interrupted rendering of the same scene has left."""
+    try:
+        with np.load(path) as state:
+            if str(state["fingerprint"]) != fingerprint:
+                return set()
+            work.spectral[...] = state["spectral"]
+            work.bound[...] = state["bound"]
+            work.truncated[...] = state["truncated"]
+            return {(int(x), int(y)) for x, y in state["done"]}
+    except (OSError, KeyError, ValueError):
+        return set()
+
+
+def _save_state(path: Path, work: _Work, fingerprint: str, done: set[tuple[int, int]]) -> None:
+    beside = path.with_name(path.name + ".part.npz")
+    np.savez(
+        beside,
+        fingerprint=fingerprint,
+        spectral=work.spectral,
+        bound=work.bound,
+        truncated=work.truncated,
+        done=np.array(sorted(done), np.int64).reshape(-1, 2),
+    )
+    os.replace(beside, path)
+
+
+def render(
+    scene: RenderScene,
+    *,
+    threads: int | None = None,
+    executor: Executor | None = None,
+    state: str | Path | None = None,
+    progress: Callable[[int, int], Any] | None = None,
+) -> Picture:
+    """Render a scene.
+
+    Parameters
+    ----------
+    threads : of an own pool, default all cores
+    executor : used instead of an own pool; its workers must share memory (threads)
+    state : file that keeps finished tiles, so that an interrupted rendering of the same scene
+        goes on where it stopped; removed at the end
+    progress : called with tiles done and tiles in all
+    """
+    work = _prepare(scene)
+    width, height = scene.camera.pixels
+    tiles = [(x, y) for y in range(0, height, _TILE) for x in range(0, width, _TILE)]
+    fingerprint = _fingerprint(work)
+    path = Path(state) if state is not None else None
+    done = _load_state(path, work, fingerprint) if path is not None else set()
+    started = saved = time.perf_counter()
+    pool = executor or ThreadPoolExecutor(threads or os.cpu_count() or 1)
+    pending: set[Future[tuple[int, int]]] = set()
+    try:
+        pending = {pool.submit(_tile, work, x, y) for x, y in tiles if (x, y) not in done}
+        while pending:
+            finished, pending = wait(pending, return_when=FIRST_COMPLETED)
+            done |= {future.result() for future in finished}
+            if progress is not None:
+                progress(len(done), len(tiles))
+            if path is not None and time.perf_counter() - saved > 10.0:
+                saved = time.perf_counter()
+                _save_state(path, work, fingerprint, done)
+    except BaseException:
+        work.stop.set()
+        for future in pending:
+            future.cancel()
+        if path is not None:
+            _save_state(path, work, fingerprint, done)
+        raise
+    finally:
+        if executor is None:
+            pool.shutdown(wait=True)
+    if path is not None:
+        path.unlink(missing_ok=True)
+    return Picture(
+        spectral=work.spectral,
+        rgb=work.spectral @ work.weights,
+        error_bound=work.bound,
+        truncated=work.truncated,
+        wavelengths_nm=np.asarray(scene.wavelengths_nm, np.float64),
+        seconds=time.perf_counter() - started,
+    )
