@@ -20,6 +20,7 @@ __all__ = [
     "BoundBounces",
     "BoundCount",
     "BoundDetected",
+    "BoundEverything",
     "BoundFlux",
     "BoundHit",
     "BoundIncidence",
@@ -60,6 +61,11 @@ class BoundNode:
 
     def own_streams(self) -> tuple[str, ...]:
         return ()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class BoundEverything(BoundNode):
+    """Every ray: what no criterion at all asks for."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

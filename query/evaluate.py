@@ -174,6 +174,10 @@ def _last(context: Context, node: b.BoundLast) -> Pair:
 # Sources, media, detectors.
 
 
+def _everything(context: Context, node: b.BoundEverything) -> Pair:
+    return _both(np.ones(context.n_rays, np.bool_))
+
+
 def _source(context: Context, node: b.BoundSource) -> Pair:
     return _both(look_up(node.table, context.source))
 
@@ -379,6 +383,7 @@ def _incidence(context: Context, node: b.BoundIncidence) -> Pair:
 
 
 _RAY: dict[type[b.BoundNode], Callable[..., Pair]] = {
+    b.BoundEverything: _everything,
     b.BoundSource: _source,
     b.BoundHit: _some_point,
     b.BoundAll: _some_point,

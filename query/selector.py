@@ -1,0 +1,170 @@
+"""The rays that satisfy a criterion: `select` and several at once, `select_many`."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from query.bind import Binder
+from query.bound import BoundEverything, BoundNode
+from query.builders import as_criterion
+from query.reasons import reason_for_nothing
+from query.scan import Cancel, Progress, Scan, map_facts
+from query.selection import Selection
+from query.tally import Tally
+from raymap.errors import CriterionError
+
+Ids = NDArray[np.int64]
+
+__all__ = ["bind_all", "select", "select_many"]
+
+
+def bind_all(map: Any, criteria: Sequence[object]) -> list[BoundNode]:
+    """Bind criteria in any spelling to a map; None stands for every ray."""
+    binder = Binder(map_facts(map))
+    bound: list[BoundNode] = []
+    for spelling in criteria:
+        node = as_criterion(spelling)
+        if node is None:
+            bound.append(BoundEverything())
+        else:
+            bound.append(binder.bind(node, spelling if isinstance(spelling, str) else None))
+    return bound
+
+
+def select(
+    map: Any,
+    criterion: object = None,
+    *,
+    limit: int | None = None,
+    rays: bool = True,
+    progress: Callable[[Progress], None] | None = None,
+    cancel: Cancel = None,
+    threads: int | None = None,
+    use_merged: bool = True,
+) -> Selection:
+    """Find the rays of a map that satisfy a criterion.
+
+    Parameters
+    ----------
+    map : an open ray map
+    criterion : text, tree or JSON; None selects every ray
+    limit : only the rays with the smallest numbers, this many; stops early
+    rays : find the ray numbers too; without them a count often needs no portion at all, and the
+        numbers are found when they are asked for
+    progress : called with a `Progress` after each portion
+    cancel : an Event or a function; once it is set or true the search stops within a portion and
+        what was found so far is returned, with ``complete`` False
+    threads : default: the cores this process may use
+    use_merged : False ignores the merged dictionary; the answer is the same
+
+    Raises
+    ------
+    CriterionError, UnknownName
+        the criterion cannot be read or does not fit the map.
+    DamagedPortion
+        unless the map was opened with ``on_damage="skip"``.
+    """
+    start = time.perf_counter()
+    if limit is not None and limit < 1:
+        raise CriterionError(f"limit must be at least 1, found {limit}")
+    [node] = bind_all(map, [criterion])
+    scan = Scan(
+        map,
+        [node],
+        rays=rays or limit is not None,
+        threads=threads,
+        progress=progress,
+        cancel=cancel,
+        use_merged=use_merged,
+    )
+    if limit is None:
+        [totals] = scan.run()
+        selection = Selection(map, node, criterion, scan, 0, totals.by_source, scan.emitted)
+    else:
+        selection = _first(scan, node, criterion, limit)
+    selection.seconds = time.perf_counter() - start
+    if selection.matched == 0 and selection.complete:
+        selection.reason = reason_for_nothing(scan, node)
+    return selection
+
+
+def select_many(
+    map: Any,
+    criteria: Sequence[object],
+    *,
+    rays: bool = True,
+    progress: Callable[[Progress], None] | None = None,
+    cancel: Cancel = None,
+    threads: int | None = None,
+) -> list[Selection]:
+    """Several criteria in one pass over the map; parameters as for `select`."""
+    start = time.perf_counter()
+    nodes = bind_all(map, criteria)
+    scan = Scan(map, nodes, rays=rays, threads=threads, progress=progress, cancel=cancel)
+    all_totals = scan.run()
+    seconds = time.perf_counter() - start
+    selections = []
+    for number, totals in enumerate(all_totals):
+        selection = Selection(
+            map, nodes[number], criteria[number], scan, number, totals.by_source, scan.emitted
+        )
+        selection.seconds = seconds
+        if selection.matched == 0 and selection.complete:
+            selection.reason = reason_for_nothing(scan, nodes[number])
+        selections.append(selection)
+    return selections
+
+
+def _first(scan: Scan, node: BoundNode, criterion: object, limit: int) -> Selection:
+    """The rays with the smallest numbers; stops when no later portion can hold one of them."""
+    portions = scan.map.portions
+    wanted = scan.open_portions
+    found: list[tuple[int, Ids]] = []
+    count, reach = 0, None
+    for visit in scan.visits(everything=True):
+        rays = scan.rays_of(visit.index, 0)
+        if len(rays):
+            found.append((visit.index, portions[visit.index].ray_ids()[rays]))
+            count += len(rays)
+        scan.report(count)
+        if count < limit:
+            continue
+        if len(rays):
+            ids = np.concatenate([numbers for _, numbers in found])
+            reach = int(np.partition(ids, limit - 1)[limit - 1])
+        done = len(scan.served) + len(scan.damaged)
+        if done >= len(wanted) or portions[wanted[done]].first_ray > reach:
+            break
+    tally = _trim(scan, found, reach)
+    lost = set(scan.damaged)
+    emitted = np.zeros(scan.n_sources, np.int64)
+    for index, portion in enumerate(portions):
+        if index not in lost:
+            emitted += portion.emitted
+    selection = Selection(scan.map, node, criterion, scan, 0, tally, emitted)
+    selection.limited = reach is not None
+    return selection
+
+
+def _trim(scan: Scan, found: list[tuple[int, Ids]], reach: int | None) -> Tally:
+    """Keep the rays up to number ``reach`` and count them."""
+    tally = Tally.zeros(scan.n_sources)
+    masks = {}
+    for index, ids in found:
+        portion = scan.map.portions[index]
+        rays = scan.rays_of(index, 0)
+        kept = rays if reach is None else rays[ids <= reach]
+        mask = np.zeros(portion.n_rays, np.bool_)
+        mask[kept] = True
+        masks[index] = (np.packbits(mask),)
+        source = portion.column("source")[kept]
+        weight = portion.column("weight").astype(float)[kept] if portion.has_weights else None
+        emission = portion.column("emission")[kept] if portion.grouped else None
+        tally = tally + Tally.of_rays(source, weight, emission, scan.n_sources)
+    scan.masks = masks
+    return tally

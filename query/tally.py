@@ -1,0 +1,117 @@
+"""Flux of sets of rays from unnormalised sums, with its standard error.
+
+Flux = sum over sources of flux_s / N_s * Σw, where N_s rays were emitted by source s in the portions
+served; standard error² = sum over sources of (flux_s / N_s)² [Σw² - (Σw)² / N_s]. Where one emission
+becomes several rays w is summed per emission first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raymap.directory import Directory
+
+__all__ = ["Estimate", "Tally", "estimate", "source_factors", "squares_by_emission"]
+
+Ints = NDArray[np.integer]
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A flux [flux unit of the map] with its standard error.
+
+    ``bound_95``: where no ray matched, the flux is below this with 95 % confidence; else None.
+    """
+
+    flux: float
+    se: float
+    bound_95: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Tally:
+    """Counts and sums of weights per source, or per label: (n,) int64, (n,) and (n,) float64."""
+
+    rays: NDArray[np.int64]
+    sum_w: Floats
+    sum_w2: Floats
+
+    @classmethod
+    def zeros(cls, size: int) -> Tally:
+        return cls(np.zeros(size, np.int64), np.zeros(size), np.zeros(size))
+
+    @classmethod
+    def of_paths(cls, labels: Ints, rays: Ints, sum_w: Floats, sum_w2: Floats, size: int) -> Tally:
+        """Sum entries by label."""
+        return cls(
+            np.bincount(labels, rays, size).astype(np.int64),
+            np.bincount(labels, sum_w, size),
+            np.bincount(labels, sum_w2, size),
+        )
+
+    @classmethod
+    def of_rays(
+        cls,
+        labels: Ints,
+        weight: Floats | None,
+        emission: Ints | None,
+        size: int,
+    ) -> Tally:
+        """Count rays by label; ``weight`` None: all 1; ``emission`` groups rays of one emission."""
+        rays = np.bincount(labels, minlength=size)
+        if weight is None:
+            weight = np.ones(len(labels)) if emission is not None else None
+        if weight is None:
+            ones = rays.astype(np.float64)
+            return cls(rays, ones, ones)
+        sum_w = np.bincount(labels, weight, size)
+        if emission is None:
+            return cls(rays, sum_w, np.bincount(labels, weight**2, size))
+        return cls(rays, sum_w, squares_by_emission(labels, weight, emission, size))
+
+    def __add__(self, other: Tally) -> Tally:
+        return Tally(self.rays + other.rays, self.sum_w + other.sum_w, self.sum_w2 + other.sum_w2)
+
+    def __sub__(self, other: Tally) -> Tally:
+        return Tally(self.rays - other.rays, self.sum_w - other.sum_w, self.sum_w2 - other.sum_w2)
+
+
+def squares_by_emission(labels: Ints, weight: Floats, emission: Ints, size: int) -> Floats:
+    """Σ over emissions of (Σw)², by label."""
+    if not len(labels):
+        return np.zeros(size)
+    order = np.lexsort((emission, labels))
+    changes = (np.diff(labels[order]) != 0) | (np.diff(emission[order]) != 0)
+    first = np.concatenate(([0], np.flatnonzero(changes) + 1))
+    sums = np.add.reduceat(weight[order], first)
+    return np.bincount(labels[order][first], sums**2, size)
+
+
+def source_factors(directory: Directory, emitted: Ints) -> Floats:
+    """(n_sources,) flux of a ray of weight 1; 0 where a source emitted nothing."""
+    flux = np.array([source.flux for source in directory.sources], np.float64)
+    return np.divide(flux, emitted, out=np.zeros(len(flux)), where=emitted > 0)
+
+
+def variances(factors: Floats, emitted: Ints, sum_w: Floats, sum_w2: Floats) -> Floats:
+    """Squared standard errors of single-source sums."""
+    spread = sum_w2 - np.divide(
+        sum_w**2, emitted, out=np.zeros_like(sum_w, dtype=np.float64), where=emitted > 0
+    )
+    result: Floats = factors**2 * np.maximum(spread, 0.0)
+    return result
+
+
+def estimate(tally: Tally, directory: Directory, emitted: Ints) -> Estimate:
+    """Flux of a tally by source."""
+    factors = source_factors(directory, emitted)
+    flux = float(factors @ tally.sum_w)
+    variance = float(variances(factors, emitted, tally.sum_w, tally.sum_w2).sum())
+    bound = None
+    if not tally.rays.any():
+        bound = 3.0 * float(factors.max(initial=0.0))
+    return Estimate(flux, variance**0.5, bound)
