@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tracer.lens.errors import LensError
-from tracer.lens.forward import run_chunks, trace_lens
+from tracer.lens.forward import plain, run_chunks, trace_lens
 from tracer.lens.lens import Lens
 from tracer.lens.reversed_light import send_back
 from tracer.lens.tree import Exits, LensTree
@@ -153,12 +153,13 @@ def answer(
     field = np.zeros((n, 3), np.complex128)
     turns = np.zeros(n, np.int64)
     path = arriving.optical_path.copy()
+    light = plain(arriving.field)
     lost: list[int] = []
 
     def run(start: int, stop: int) -> None:
         row = send_back(
             tree.lens.shape, tree.media, mode == "published", path_to_origin, root, level,
-            arriving.field, path, field, turns, start, stop,
+            light, path, field, turns, start, stop,
         )  # fmt: skip
         if row >= 0:
             lost.append(row)
@@ -167,7 +168,7 @@ def answer(
     if lost:
         raise LensError(f"arriving.exit of row {min(lost)} is no exit of this tree")
     rays = tree.rays.where(root)
-    light = replace(
+    back = replace(
         rays,
         direction=-rays.direction,
         field=field,
@@ -175,4 +176,4 @@ def answer(
         coherence=arriving.coherence,
         group=arriving.group,
     )
-    return Bundle(ray=root, exit=arriving.exit, level=level, half_waves=turns, light=light)
+    return Bundle(ray=root, exit=arriving.exit, level=level, half_waves=turns, light=back)

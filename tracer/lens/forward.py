@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor, wait
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,8 @@ RGB_NM = (611.0, 549.0, 464.0)
 """Wavelengths that stand for the channels red, green, blue [nm]."""
 
 _CHUNK = 8192
+
+_Scalar = TypeVar("_Scalar", bound=np.generic)
 
 
 def trace_lens(
@@ -139,17 +141,22 @@ def ray_arrays(
         medium = inverse.astype(np.int32)
     outside, glass, absorption = lens.optics(distinct, index_wavelength_nm)
     return RayArrays(
-        origin=rays.origin,
-        direction=rays.direction,
-        field=rays.field if polarized else np.empty((0, 3), np.complex128),
-        flux=np.empty(0) if polarized else rays.flux,
-        path=rays.optical_path,
+        origin=plain(rays.origin),
+        direction=plain(rays.direction),
+        field=plain(rays.field) if polarized else np.empty((0, 3), np.complex128),
+        flux=np.empty(0) if polarized else plain(rays.flux),
+        path=plain(rays.optical_path),
         medium=medium,
-        outside_index=outside,
-        glass_index=glass,
-        absorption=absorption,
+        outside_index=plain(outside),
+        glass_index=plain(glass),
+        absorption=plain(absorption),
         frame=lens.frame,
     )
+
+
+def plain(column: NDArray[_Scalar]) -> NDArray[_Scalar]:
+    """The column as compiled code knows it: it is compiled anew for strided or locked arrays."""
+    return np.require(column, requirements=["C", "W"])
 
 
 def run_chunks(

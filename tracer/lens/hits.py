@@ -124,6 +124,21 @@ def _rim_outward(
 
 
 @kernel
+def _within(shape: LensShape, x: float, y: float, z: float) -> bool:
+    """Whether a point lies in the glass."""
+    r2, zb = x * x + y * y, z - shape.thickness
+    behind_front = shape.curvature_front * (r2 + z * z) - 2.0 * z < 0.0
+    before_back = shape.curvature_back * (r2 + zb * zb) - 2.0 * zb > 0.0
+    reach = max(shape.semi_aperture_front, shape.semi_aperture_back)
+    length = shape.edge_back - shape.edge_front
+    if length > 0.0 and shape.edge_front < z < shape.edge_back:
+        share = (z - shape.edge_front) / length
+        reach = (1.0 - share) * shape.semi_aperture_front + share * shape.semi_aperture_back
+    low, high = min(0.0, shape.edge_front), max(shape.thickness, shape.edge_back)
+    return behind_front and before_back and r2 < reach * reach and low < z < high
+
+
+@kernel
 def enter(
     shape: LensShape, x: float, y: float, z: float, dx: float, dy: float, dz: float
 ) -> tuple[int, float]:
@@ -163,7 +178,8 @@ def enter(
             elif touch < t < leaving:
                 leaving = t
     if leaving < nearest:
-        return INSIDE, 0.0
+        # A ray from outside that meets an edge may slip between cap and rim by rounding
+        return (INSIDE if _within(shape, x, y, z) else MISSED), 0.0
     if nearest == math.inf:
         return MISSED, 0.0
     return face, max(nearest, 0.0)

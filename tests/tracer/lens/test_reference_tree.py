@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from tests.tracer.lens.lenses import LINE_D, N_D, biconvex, parallel_ray, plate
-from tracer.lens import Glass, trace_lens, trace_rgb
+from tracer.lens import Glass, LensError, trace_lens, trace_rgb
 from tracer.optics.dispersion import sellmeier
 from tracer.optics.polarization_rays import PolarizedRays
 
@@ -207,6 +207,37 @@ def test_options_suppress_and_book_what_they_suppress() -> None:
     assert [share > 0.0 for share in bright.flux[0]] == [True, True, True] + [False] * 4
     for tree in (full, forward_only, quiet, bright):
         assert abs(tree.energy_error()[0]) < 1e-12
+
+
+def test_rays_that_start_in_the_glass_are_refused() -> None:
+    rays = PolarizedRays.linear(
+        [[0, 0, -3.0], [0, 0, 3.0]], [[0, 0, 1.0]] * 2, [[1.0, 0, 0]] * 2, wavelength_nm=LINE_D
+    )
+    with pytest.raises(LensError, match=r"origin of ray 1 .*inside"):
+        trace_lens(biconvex(), rays)
+    on_the_cap = PolarizedRays.linear(
+        [[0, 0, 0.0], [0, 0, 6.0]],
+        [[0, 0, 1.0]] * 2,
+        [[1.0, 0, 0]] * 2,
+        wavelength_nm=LINE_D,
+    )
+    assert list(trace_lens(biconvex(), on_the_cap).missed) == [False, True]
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [({"depth": 0}, "depth"), ({"mode": "exact"}, "mode"), ({"min_share": 1.0}, "min_share")],
+)
+def test_bad_options_are_refused(options: dict[str, object], named: str) -> None:
+    with pytest.raises(LensError, match=named):
+        trace_lens(biconvex(), parallel_ray(0.0, 0.0, (1.0, 0.0, 0.0)), **options)  # type: ignore
+
+
+def test_wavelengths_outside_the_glass_data_are_refused() -> None:
+    lens = biconvex(glass=Glass(dispersion=N_BK7))
+    rays = PolarizedRays.linear([[0, 0, -3.0]], [[0, 0, 1.0]], [[1.0, 0, 0]], wavelength_nm=200.0)
+    with pytest.raises(LensError, match=r"wavelength_nm is 200.*N-BK7"):
+        trace_lens(lens, rays)
 
 
 def test_the_rim_is_opaque_and_rays_may_miss() -> None:
