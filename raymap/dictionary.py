@@ -2,93 +2,77 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap import itineraries
 from raymap.directory import FaceTable
 from raymap.errors import InvalidPortion
+from raymap.itineraries import (
+    Itineraries,
+    assign_faces,
+    fill_table,
+    gather_meetings,
+    gather_points,
+    group_rays,
+    hash_rays,
+    merge_paths,
+    sum_colors,
+    sum_weighted_colors,
+)
 from raymap.paths import PathDictionary
 from raymap.portion import Portion
 from raymap.schema import COLOR_SCALE
 
-__all__ = ["Itineraries", "PathMerger", "find_paths", "itineraries_of", "offsets_of"]
+__all__ = ["PathMerger", "color_sums", "find_paths", "itineraries_of", "offsets_of"]
 
 MAX_SHARE = 0.5
 """A dictionary with more different paths than this share of the rays is not worth keeping."""
 
 
-@dataclass(frozen=True, eq=False)
-class Itineraries:
-    """The columns of which paths are made, ray after ray or path after path."""
+def hashes_of(rays: Itineraries) -> NDArray[np.uint64]:
+    """(n,) hash of each itinerary."""
+    hashes = np.empty(rays.source.size, np.uint64)
+    hash_rays(rays, hashes)
+    return hashes
 
-    source: NDArray[np.int16]
-    offsets: NDArray[np.int64]
-    object: NDArray[np.int16]
-    face: NDArray[np.int32]
-    event: NDArray[np.int32]
-    medium: NDArray[np.int16]
-    meeting_offsets: NDArray[np.int64]
-    detector: NDArray[np.int16]
-    registered: NDArray[np.bool_]
 
-    @property
-    def columns(self) -> Any:
-        """In the order that the compiled passes take."""
-        return (
-            self.source,
-            self.offsets,
-            self.object,
-            self.face,
-            self.event,
-            self.medium,
-            self.meeting_offsets,
-            self.detector,
-            self.registered,
-        )
+def take(rays: Itineraries, wanted: NDArray[np.int32]) -> Itineraries:
+    """The itineraries of the wanted rays, one after the other."""
+    offsets = offsets_of(np.diff(rays.offsets)[wanted])
+    n_points = int(offsets[-1])
 
-    def hashes(self) -> NDArray[np.uint64]:
-        out = np.empty(self.source.size, np.uint64)
-        itineraries.hash_rays(*self.columns, out)
+    def gathered(column: NDArray[Any]) -> NDArray[Any]:
+        out = np.empty(n_points, column.dtype)
+        gather_points(wanted, rays.offsets, offsets, column, out)
         return out
 
-    def take(self, rays: NDArray[np.int32]) -> Itineraries:
-        """The itineraries of the given rays, one after the other."""
-        offsets = offsets_of(np.diff(self.offsets)[rays])
-        n_points = int(offsets[-1])
-        points = {}
-        for name in ("object", "face", "event", "medium"):
-            column = getattr(self, name)
-            points[name] = np.empty(n_points, column.dtype)
-            itineraries.gather_points(rays, self.offsets, offsets, column, points[name])
-        counts = np.empty(n_points, np.int64)
-        all_counts = np.diff(self.meeting_offsets)
-        itineraries.gather_points(rays, self.offsets, offsets, all_counts, counts)
-        meeting_offsets = offsets_of(counts)
-        detector = np.empty(int(meeting_offsets[-1]), np.int16)
-        registered = np.empty(int(meeting_offsets[-1]), np.bool_)
-        itineraries.gather_meetings(
-            rays,
-            self.offsets,
-            self.meeting_offsets,
-            meeting_offsets,
-            offsets,
-            self.detector,
-            self.registered,
-            detector,
-            registered,
-        )
-        return Itineraries(
-            self.source[rays],
-            offsets,
-            **points,
-            meeting_offsets=meeting_offsets,
-            detector=detector,
-            registered=registered,
-        )
+    meeting_offsets = offsets_of(gathered(np.diff(rays.meeting_offsets)))
+    detector = np.empty(int(meeting_offsets[-1]), np.int16)
+    registered = np.empty(int(meeting_offsets[-1]), np.bool_)
+    gather_meetings(
+        wanted,
+        rays.offsets,
+        rays.meeting_offsets,
+        meeting_offsets,
+        offsets,
+        rays.detector,
+        rays.registered,
+        detector,
+        registered,
+    )
+    return Itineraries(
+        rays.source[wanted],
+        offsets,
+        gathered(rays.object),
+        gathered(rays.face),
+        gathered(rays.event),
+        gathered(rays.medium),
+        meeting_offsets,
+        detector,
+        registered,
+    )
 
 
 def offsets_of(counts: NDArray[Any]) -> NDArray[np.int64]:
@@ -107,7 +91,7 @@ def itineraries_of(portion: Portion, faces: FaceTable) -> Itineraries:
         A record names an object or a primitive that the directory does not have.
     """
     face = np.empty(portion.n_records, np.int32)
-    bad = itineraries.assign_faces(
+    bad = assign_faces(
         portion.object,
         portion.triangle,
         faces.first_face,
@@ -146,15 +130,13 @@ def find_paths(rays: Itineraries) -> tuple[Itineraries, NDArray[np.uint32]] | No
     group = np.empty(n_rays, np.int32)
     representative = np.empty(limit, np.int32)
     counts = np.empty(limit, np.int64)
-    found = itineraries.group_rays(
-        *rays.columns, rays.hashes(), limit, table, group, representative, counts
-    )
+    found = group_rays(rays, hashes_of(rays), table, group, representative, counts)
     if found < 0:
         return None
     order = np.argsort(-counts[:found], kind="stable")
     rank = np.empty(found, np.uint32)
     rank[order] = np.arange(found, dtype=np.uint32)
-    return rays.take(representative[:found][order]), rank[group]
+    return take(rays, representative[:found][order]), rank[group]
 
 
 class PathMerger:
@@ -199,15 +181,22 @@ class PathMerger:
             paths.detector,
             paths.registered,
         )
-        numbers = np.empty(paths.n_paths, np.int32)
-        self.n_paths = itineraries.merge_paths(
-            *local.columns,
-            local.hashes(),
+        merged = Itineraries(
             self._paths["source"],
             self._offsets,
-            *self._points.values(),
+            self._points["object"],
+            self._points["face"],
+            self._points["event"],
+            self._points["medium"],
             self._meeting_offsets,
-            *self._meetings.values(),
+            self._meetings["detector"],
+            self._meetings["registered"],
+        )
+        numbers = np.empty(paths.n_paths, np.int32)
+        self.n_paths = merge_paths(
+            local,
+            hashes_of(local),
+            merged,
             self._paths["hash"],
             self._table,
             self.n_paths,
@@ -270,7 +259,7 @@ class PathMerger:
             self._meetings = {name: _grown(column, size) for name, column in self._meetings.items()}
         if 2 * n > len(self._table):
             self._table = np.full(1 << (4 * n).bit_length(), -1, np.int32)
-            itineraries.fill_table(self._table, self._paths["hash"][: self.n_paths])
+            fill_table(self._table, self._paths["hash"][: self.n_paths])
 
 
 def _grown(array: NDArray[Any], size: int) -> NDArray[Any]:
@@ -299,8 +288,8 @@ def color_sums(
     n_channels = color_table.shape[1]
     if weight is None:
         exact = np.zeros((n_paths, n_channels), np.uint64)
-        itineraries.sum_colors(codes, color_table, numbers, exact)
+        sum_colors(codes, color_table, numbers, exact)
         return exact
     sums = np.zeros((n_paths, n_channels))
-    itineraries.sum_weighted_colors(codes, color_table, numbers, weight, 1.0 / COLOR_SCALE, sums)
+    sum_weighted_colors(codes, color_table, numbers, weight, 1.0 / COLOR_SCALE, sums)
     return sums

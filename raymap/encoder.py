@@ -9,17 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.colors import runs_of_codes
-from raymap.dictionary import Itineraries, color_sums, find_paths, itineraries_of
+from raymap.dictionary import color_sums, find_paths, itineraries_of
 from raymap.directory import Directory
 from raymap.geometry import encode_normals, encode_positions
-from raymap.itineraries import explicit_triangles
+from raymap.itineraries import Itineraries, explicit_triangles
 from raymap.layout import PORTION, pack_chunk_header
 from raymap.meetings import compile_detectors, encode_meetings
 from raymap.paths import PathDictionary
 from raymap.portion import Portion
 from raymap.portionmeta import DESCRIPTOR_STREAMS, Encoding, PortionMeta
 from raymap.schema import COLOR_SCALE
-from raymap.shapes import ShapeTable, compile_shapes, shape_codes
+from raymap.shapes import RayShapes, ShapeTable, compile_shapes, shape_codes
 from raymap.streams import Scope, StreamSet
 
 __all__ = ["EncodedPortion", "PortionEncoder"]
@@ -60,7 +60,7 @@ class PortionEncoder:
         """Encode one portion."""
         rays = itineraries_of(portion, self.faces)
         streams = StreamSet(raw=self.raw)
-        found = None if self.raw else find_paths(rays)
+        found = None if self.raw or not portion.n_rays else find_paths(rays)
         paths = None
         if found is None:
             table, path_numbers = rays, np.arange(portion.n_rays, dtype=np.uint32)
@@ -140,7 +140,7 @@ class PortionEncoder:
         shapes = self.shapes
         codes = np.empty(table.object.size, np.int32)
         shape_codes(table.offsets, table.object, table.face, table.event, shapes.face_code, codes)
-        itinerary = (path_numbers, table.offsets, rays.offsets, codes, portion.triangle)
+        itinerary = RayShapes(path_numbers, table.offsets, rays.offsets, codes, portion.triangle)
         return _add_positions(streams, portion, itinerary, shapes) | _add_normals(
             streams, portion, itinerary, shapes
         )
@@ -181,7 +181,9 @@ class PortionEncoder:
         return int(Encoding.CROSSINGS | (Encoding.REVERSED if reverse else Encoding(0)))
 
 
-def _add_positions(streams: StreamSet, portion: Portion, itinerary: Any, shapes: ShapeTable) -> int:
+def _add_positions(
+    streams: StreamSet, portion: Portion, rays: RayShapes, shapes: ShapeTable
+) -> int:
     n = portion.n_records
     raw = np.empty((3, 4, n), np.uint8)
     residual = np.empty((4, n), np.uint8)
@@ -191,12 +193,8 @@ def _add_positions(streams: StreamSet, portion: Portion, itinerary: Any, shapes:
     faces, sphere = True, True
     while True:
         encode_positions(
-            *itinerary,
-            shapes.solve,
-            shapes.axis,
-            shapes.first_primitive,
-            shapes.face_start,
-            shapes.primitive_quadric,
+            rays,
+            shapes,
             faces,
             sphere,
             position,
@@ -227,15 +225,12 @@ def _add_positions(streams: StreamSet, portion: Portion, itinerary: Any, shapes:
     return int(chosen)
 
 
-def _add_normals(streams: StreamSet, portion: Portion, itinerary: Any, shapes: ShapeTable) -> int:
+def _add_normals(streams: StreamSet, portion: Portion, rays: RayShapes, shapes: ShapeTable) -> int:
     planes = np.empty((3, 2, portion.n_records), np.uint8)
     missed, plain = encode_normals(
-        *itinerary,
+        rays,
         portion.source,
-        shapes.gradient,
-        shapes.first_primitive,
-        shapes.face_start,
-        shapes.primitive_quadric,
+        shapes,
         np.zeros((len(portion.emitted), 3), np.int16),
         np.zeros((shapes.n_remembered, 3), np.int16),
         portion.position,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from raymap.kernels import kernel
 from raymap.schema import NORMAL_SCALE
-from raymap.shapes import EMISSION, LEFT, MANY
+from raymap.shapes import EMISSION, LEFT, MANY, RayShapes, ShapeTable
 
 __all__ = ["decode_normals", "decode_positions", "encode_normals", "encode_positions"]
 
@@ -92,36 +92,29 @@ def _scaled(x: float, y: float, z: float) -> tuple[int, int, int]:
 def _quadric_of(
     code: int,
     triangle: int,
-    sphere: int,
+    shapes: ShapeTable,
     solve_faces: bool,
     solve_sphere: bool,
-    first_primitive: NDArray[np.int32],
-    face_start: NDArray[np.int64],
-    primitive_quadric: NDArray[np.int32],
 ) -> int:
     """Row of the quadric on which a point lies, -1 none."""
     if code >= 0:
         return code if solve_faces else -1
     if code == LEFT:
-        return sphere if solve_sphere else -1
-    if code <= MANY and solve_faces and primitive_quadric.size:
+        return shapes.axis.size - 1 if solve_sphere else -1
+    if code <= MANY and solve_faces and shapes.primitive_quadric.size:
         face = MANY - code
-        return int(primitive_quadric[face_start[face] + triangle - first_primitive[face]])
+        return int(
+            shapes.primitive_quadric[
+                shapes.face_start[face] + triangle - shapes.first_primitive[face]
+            ]
+        )
     return -1
 
 
 @kernel
 def encode_positions(
-    path_numbers: NDArray[np.uint32],
-    path_offsets: NDArray[np.int64],
-    record_offsets: NDArray[np.int64],
-    codes: NDArray[np.int32],
-    triangles: NDArray[np.int32],
-    solve: NDArray[np.float64],
-    axis: NDArray[np.int8],
-    first_primitive: NDArray[np.int32],
-    face_start: NDArray[np.int64],
-    primitive_quadric: NDArray[np.int32],
+    rays: RayShapes,
+    shapes: ShapeTable,
     solve_faces: bool,
     solve_sphere: bool,
     position: NDArray[np.float32],
@@ -141,8 +134,8 @@ def encode_positions(
     roots : (n_records,) out, 1 where another root than the quadric's last time is meant
     counts : (8,) out: stored x, y, z, solved, bits of face residuals, faces, of sphere, sphere
     """
-    sphere = axis.size - 1
-    last_root = np.zeros(axis.size, np.uint8)
+    sphere = shapes.axis.size - 1
+    last_root = np.zeros(shapes.axis.size, np.uint8)
     stored = np.zeros(3, np.int64)
     solved = 0
     face_bits = 0
@@ -150,20 +143,13 @@ def encode_positions(
     on_sphere = 0
     value = np.empty(1, np.float32)
     value_bits = value.view(np.uint32)
-    for ray in range(path_numbers.size):
-        row = path_offsets[path_numbers[ray]] - record_offsets[ray]
-        for i in range(record_offsets[ray], record_offsets[ray + 1]):
+    for ray in range(rays.numbers.size):
+        row = rays.path_offsets[rays.numbers[ray]] - rays.record_offsets[ray]
+        for i in range(rays.record_offsets[ray], rays.record_offsets[ray + 1]):
             q = _quadric_of(
-                codes[row + i],
-                triangles[i],
-                sphere,
-                solve_faces,
-                solve_sphere,
-                first_primitive,
-                face_start,
-                primitive_quadric,
+                rays.codes[row + i], rays.triangles[i], shapes, solve_faces, solve_sphere
             )
-            a = axis[q] if q >= 0 else -1
+            a = shapes.axis[q] if q >= 0 else -1
             # Store the coordinates that are not solved for
             for k in range(3):
                 if k != a:
@@ -179,7 +165,7 @@ def encode_positions(
             # Store the other one as its distance from the nearer root
             u = np.float64(position[i, 1 if a == 0 else 0])
             v = np.float64(position[i, 1 if a == 2 else 2])
-            t0, t1 = _roots(solve[q], u, v)
+            t0, t1 = _roots(shapes.solve[q], u, v)
             here = _ordered(bits[i, a])
             value[0] = t0
             r0 = _zigzag(np.uint32(here - _ordered(value_bits[0])))
@@ -215,16 +201,8 @@ def encode_positions(
 
 @kernel
 def decode_positions(
-    path_numbers: NDArray[np.uint32],
-    path_offsets: NDArray[np.int64],
-    record_offsets: NDArray[np.int64],
-    codes: NDArray[np.int32],
-    triangles: NDArray[np.int32],
-    solve: NDArray[np.float64],
-    axis: NDArray[np.int8],
-    first_primitive: NDArray[np.int32],
-    face_start: NDArray[np.int64],
-    primitive_quadric: NDArray[np.int32],
+    rays: RayShapes,
+    shapes: ShapeTable,
     solve_faces: bool,
     solve_sphere: bool,
     xs: NDArray[np.uint32],
@@ -242,29 +220,25 @@ def decode_positions(
     triangles : (n_records,), or (0,) where no face needs it
     position, bits : (n_records, 3) out, the same memory as float32 and as uint32
     """
-    sphere = axis.size - 1
-    last_root = np.zeros(axis.size, np.uint8)
+    last_root = np.zeros(shapes.axis.size, np.uint8)
     nx = 0
     ny = 0
     nz = 0
     solved = 0
     value = np.empty(1, np.float32)
     value_bits = value.view(np.uint32)
-    has_triangles = triangles.size > 0
-    for ray in range(path_numbers.size):
-        row = path_offsets[path_numbers[ray]] - record_offsets[ray]
-        for i in range(record_offsets[ray], record_offsets[ray + 1]):
+    has_triangles = rays.triangles.size > 0
+    for ray in range(rays.numbers.size):
+        row = rays.path_offsets[rays.numbers[ray]] - rays.record_offsets[ray]
+        for i in range(rays.record_offsets[ray], rays.record_offsets[ray + 1]):
             q = _quadric_of(
-                codes[row + i],
-                triangles[i] if has_triangles else -1,
-                sphere,
+                rays.codes[row + i],
+                rays.triangles[i] if has_triangles else -1,
+                shapes,
                 solve_faces,
                 solve_sphere,
-                first_primitive,
-                face_start,
-                primitive_quadric,
             )
-            a = axis[q] if q >= 0 else -1
+            a = shapes.axis[q] if q >= 0 else -1
             if a != 0:
                 if nx == xs.size:
                     return False
@@ -287,7 +261,7 @@ def decode_positions(
                 return False
             u = np.float64(position[i, 1 if a == 0 else 0])
             v = np.float64(position[i, 1 if a == 2 else 2])
-            t0, t1 = _roots(solve[q], u, v)
+            t0, t1 = _roots(shapes.solve[q], u, v)
             last_root[q] ^= roots[solved]
             value[0] = t1 if last_root[q] else t0
             here = np.uint32(_ordered(value_bits[0]) + _unzigzag(residual[solved]))
@@ -302,10 +276,7 @@ def _predicted(
     code: int,
     triangle: int,
     source: int,
-    gradient: NDArray[np.float64],
-    first_primitive: NDArray[np.int32],
-    face_start: NDArray[np.int64],
-    primitive_quadric: NDArray[np.int32],
+    shapes: ShapeTable,
     position: NDArray[np.float32],
     emission: NDArray[np.int16],
     remembered: NDArray[np.int16],
@@ -322,8 +293,8 @@ def _predicted(
     q = code
     if code <= MANY:
         face = MANY - code
-        primitive = face_start[face] + triangle - first_primitive[face]
-        q = primitive_quadric[primitive] if primitive_quadric.size else -1
+        primitive = shapes.face_start[face] + triangle - shapes.first_primitive[face]
+        q = shapes.primitive_quadric[primitive] if shapes.primitive_quadric.size else -1
         if q < 0 and remembered.shape[0]:
             return (
                 int(remembered[primitive, 0]),
@@ -333,7 +304,7 @@ def _predicted(
     if q < 0:
         return 0, 0, 0
     return _quadric_normal(
-        gradient[q],
+        shapes.gradient[q],
         np.float64(position[i, 0]),
         np.float64(position[i, 1]),
         np.float64(position[i, 2]),
@@ -346,8 +317,7 @@ def _remember(
     code: int,
     triangle: int,
     source: int,
-    first_primitive: NDArray[np.int32],
-    face_start: NDArray[np.int64],
+    shapes: ShapeTable,
     normal: NDArray[np.int16],
     emission: NDArray[np.int16],
     remembered: NDArray[np.int16],
@@ -357,23 +327,16 @@ def _remember(
             emission[source, k] = normal[i, k]
     elif code <= MANY and remembered.shape[0]:
         face = MANY - code
-        primitive = face_start[face] + triangle - first_primitive[face]
+        primitive = shapes.face_start[face] + triangle - shapes.first_primitive[face]
         for k in range(3):
             remembered[primitive, k] = normal[i, k]
 
 
 @kernel
 def encode_normals(
-    path_numbers: NDArray[np.uint32],
-    path_offsets: NDArray[np.int64],
-    record_offsets: NDArray[np.int64],
-    codes: NDArray[np.int32],
-    triangles: NDArray[np.int32],
+    rays: RayShapes,
     sources: NDArray[np.int16],
-    gradient: NDArray[np.float64],
-    first_primitive: NDArray[np.int32],
-    face_start: NDArray[np.int64],
-    primitive_quadric: NDArray[np.int32],
+    shapes: ShapeTable,
     emission: NDArray[np.int16],
     remembered: NDArray[np.int16],
     position: NDArray[np.float32],
@@ -393,20 +356,17 @@ def encode_normals(
     """
     missed = 0
     plain = 0
-    for ray in range(path_numbers.size):
-        row = path_offsets[path_numbers[ray]] - record_offsets[ray]
+    for ray in range(rays.numbers.size):
+        row = rays.path_offsets[rays.numbers[ray]] - rays.record_offsets[ray]
         source = sources[ray]
-        for i in range(record_offsets[ray], record_offsets[ray + 1]):
-            code = codes[row + i]
+        for i in range(rays.record_offsets[ray], rays.record_offsets[ray + 1]):
+            code = rays.codes[row + i]
             p = _predicted(
                 i,
                 code,
-                triangles[i],
+                rays.triangles[i],
                 source,
-                gradient,
-                first_primitive,
-                face_start,
-                primitive_quadric,
+                shapes,
                 position,
                 emission,
                 remembered,
@@ -423,10 +383,9 @@ def encode_normals(
                 _remember(
                     i,
                     code,
-                    triangles[i],
+                    rays.triangles[i],
                     source,
-                    first_primitive,
-                    face_start,
+                    shapes,
                     normal,
                     emission,
                     remembered,
@@ -436,16 +395,9 @@ def encode_normals(
 
 @kernel
 def decode_normals(
-    path_numbers: NDArray[np.uint32],
-    path_offsets: NDArray[np.int64],
-    record_offsets: NDArray[np.int64],
-    codes: NDArray[np.int32],
-    triangles: NDArray[np.int32],
+    rays: RayShapes,
     sources: NDArray[np.int16],
-    gradient: NDArray[np.float64],
-    first_primitive: NDArray[np.int32],
-    face_start: NDArray[np.int64],
-    primitive_quadric: NDArray[np.int32],
+    shapes: ShapeTable,
     emission: NDArray[np.int16],
     remembered: NDArray[np.int16],
     position: NDArray[np.float32],
@@ -455,22 +407,19 @@ def decode_normals(
     normal: NDArray[np.int16],
 ) -> None:
     """The inverse of `encode_normals`."""
-    has_triangles = triangles.size > 0
-    for ray in range(path_numbers.size):
-        row = path_offsets[path_numbers[ray]] - record_offsets[ray]
+    has_triangles = rays.triangles.size > 0
+    for ray in range(rays.numbers.size):
+        row = rays.path_offsets[rays.numbers[ray]] - rays.record_offsets[ray]
         source = sources[ray]
-        for i in range(record_offsets[ray], record_offsets[ray + 1]):
-            code = codes[row + i]
-            triangle = triangles[i] if has_triangles else -1
+        for i in range(rays.record_offsets[ray], rays.record_offsets[ray + 1]):
+            code = rays.codes[row + i]
+            triangle = rays.triangles[i] if has_triangles else -1
             p = _predicted(
                 i,
                 code,
                 triangle,
                 source,
-                gradient,
-                first_primitive,
-                face_start,
-                primitive_quadric,
+                shapes,
                 position,
                 emission,
                 remembered,
@@ -486,8 +435,7 @@ def decode_normals(
                     code,
                     triangle,
                     source,
-                    first_primitive,
-                    face_start,
+                    shapes,
                     normal,
                     emission,
                     remembered,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from raymap.kernels import kernel
 
 __all__ = [
+    "Itineraries",
     "assign_faces",
     "expand_points",
     "explicit_triangles",
@@ -20,7 +21,6 @@ __all__ = [
     "group_rays",
     "hash_rays",
     "merge_paths",
-    "point_rows",
     "sum_colors",
     "sum_weighted_colors",
 ]
@@ -73,95 +73,81 @@ def assign_faces(
     return -1
 
 
+class Itineraries(NamedTuple):
+    """The columns of which paths are made, ray after ray or path after path.
+
+    Attributes
+    ----------
+    source : (n,) int16
+    offsets : (n + 1,) int64, points of ray (or path) i are rows offsets[i]:offsets[i + 1]
+    object, face, event, medium : (n_points,)
+    meeting_offsets : (n_points + 1,) int64
+    detector, registered : (n_meetings,)
+    """
+
+    source: NDArray[np.int16]
+    offsets: NDArray[np.int64]
+    object: NDArray[np.int16]
+    face: NDArray[np.int32]
+    event: NDArray[np.int32]
+    medium: NDArray[np.int16]
+    meeting_offsets: NDArray[np.int64]
+    detector: NDArray[np.int16]
+    registered: NDArray[np.bool_]
+
+
 @kernel
-def hash_rays(
-    source: NDArray[np.int16],
-    offsets: NDArray[np.int64],
-    objects: NDArray[np.int16],
-    faces: NDArray[np.int32],
-    events: NDArray[np.int32],
-    media: NDArray[np.int16],
-    meeting_offsets: NDArray[np.int64],
-    detectors: NDArray[np.int16],
-    registered: NDArray[np.bool_],
-    hashes: NDArray[np.uint64],
-) -> None:
+def hash_rays(rays: Itineraries, hashes: NDArray[np.uint64]) -> None:
     """Hash of each ray's itinerary; equal itineraries have equal hashes, others hardly ever."""
-    for ray in range(source.size):
-        h = np.uint64(np.uint16(source[ray])) + _P1
-        for i in range(offsets[ray], offsets[ray + 1]):
-            low = np.uint64(np.uint16(objects[i])) | (
-                np.uint64(np.uint16(media[i])) << np.uint64(16)
+    for ray in range(rays.source.size):
+        h = np.uint64(np.uint16(rays.source[ray])) + _P1
+        for i in range(rays.offsets[ray], rays.offsets[ray + 1]):
+            low = np.uint64(np.uint16(rays.object[i])) | (
+                np.uint64(np.uint16(rays.medium[i])) << np.uint64(16)
             )
-            high = np.uint64(np.uint32(faces[i])) | (
-                np.uint64(np.uint32(events[i])) << np.uint64(32)
+            high = np.uint64(np.uint32(rays.face[i])) | (
+                np.uint64(np.uint32(rays.event[i])) << np.uint64(32)
             )
             h = _mix(h, high ^ (low * _P2))
-            for k in range(meeting_offsets[i], meeting_offsets[i + 1]):
-                h = _mix(
-                    h,
-                    (np.uint64(np.uint16(detectors[k])) << np.uint64(1))
-                    | np.uint64(registered[k])
-                    | np.uint64(1 << 40),
-                )
+            for k in range(rays.meeting_offsets[i], rays.meeting_offsets[i + 1]):
+                detector = np.uint64(np.uint16(rays.detector[k])) << np.uint64(1)
+                h = _mix(h, detector | np.uint64(rays.registered[k]) | np.uint64(1 << 40))
         hashes[ray] = h
 
 
 @kernel
-def _same(
-    a: int,
-    n: int,
-    objects_a: NDArray[np.int16],
-    faces_a: NDArray[np.int32],
-    events_a: NDArray[np.int32],
-    media_a: NDArray[np.int16],
-    meetings_a: NDArray[np.int64],
-    detectors_a: NDArray[np.int16],
-    registered_a: NDArray[np.bool_],
-    b: int,
-    objects_b: NDArray[np.int16],
-    faces_b: NDArray[np.int32],
-    events_b: NDArray[np.int32],
-    media_b: NDArray[np.int16],
-    meetings_b: NDArray[np.int64],
-    detectors_b: NDArray[np.int16],
-    registered_b: NDArray[np.bool_],
-) -> bool:
-    """Compare n points from row a of one table and from row b of another in full."""
+def _same(a: Itineraries, ray_a: int, b: Itineraries, ray_b: int) -> bool:
+    """Compare two itineraries in full."""
+    first_a = a.offsets[ray_a]
+    first_b = b.offsets[ray_b]
+    n = a.offsets[ray_a + 1] - first_a
+    if b.offsets[ray_b + 1] - first_b != n or a.source[ray_a] != b.source[ray_b]:
+        return False
     for k in range(n):
-        i = a + k
-        j = b + k
+        i = first_a + k
+        j = first_b + k
         if (
-            objects_a[i] != objects_b[j]
-            or faces_a[i] != faces_b[j]
-            or events_a[i] != events_b[j]
-            or media_a[i] != media_b[j]
+            a.object[i] != b.object[j]
+            or a.face[i] != b.face[j]
+            or a.event[i] != b.event[j]
+            or a.medium[i] != b.medium[j]
         ):
             return False
-        count = meetings_a[i + 1] - meetings_a[i]
-        if count != meetings_b[j + 1] - meetings_b[j]:
+        count = a.meeting_offsets[i + 1] - a.meeting_offsets[i]
+        if count != b.meeting_offsets[j + 1] - b.meeting_offsets[j]:
             return False
         for m in range(count):
-            p = meetings_a[i] + m
-            q = meetings_b[j] + m
-            if detectors_a[p] != detectors_b[q] or registered_a[p] != registered_b[q]:
+            p = a.meeting_offsets[i] + m
+            q = b.meeting_offsets[j] + m
+            if a.detector[p] != b.detector[q] or a.registered[p] != b.registered[q]:
                 return False
     return True
 
 
 @kernel
 def group_rays(
-    source: NDArray[np.int16],
-    offsets: NDArray[np.int64],
-    objects: NDArray[np.int16],
-    faces: NDArray[np.int32],
-    events: NDArray[np.int32],
-    media: NDArray[np.int16],
-    meeting_offsets: NDArray[np.int64],
-    detectors: NDArray[np.int16],
-    registered: NDArray[np.bool_],
+    rays: Itineraries,
     hashes: NDArray[np.uint64],
-    limit: int,
     table: NDArray[np.int32],
     group: NDArray[np.int32],
     representative: NDArray[np.int32],
@@ -171,21 +157,23 @@ def group_rays(
 
     Parameters
     ----------
-    limit : give up, returning -1, when there are more different itineraries
-    table : (power of two > 2 limit,) filled with -1, open addressing
+    table : (power of two,) filled with -1, open addressing, longer than ``representative``
     group : (n_rays,) out, number of each ray's itinerary
     representative, counts : (limit,) out, first ray of each itinerary and how many rays took it
+
+    Returns
+    -------
+    n : how many different itineraries, -1 if they are more than the limit
     """
     mask = np.uint64(table.size - 1)
     n_groups = 0
-    for ray in range(source.size):
+    for ray in range(rays.source.size):
         h = hashes[ray]
-        n = offsets[ray + 1] - offsets[ray]
         slot = (h >> np.uint64(20)) & mask
         while True:
             found = table[slot]
             if found < 0:
-                if n_groups == limit:
+                if n_groups == representative.size:
                     return -1
                 table[slot] = n_groups
                 representative[n_groups] = ray
@@ -194,30 +182,7 @@ def group_rays(
                 n_groups += 1
                 break
             other = representative[found]
-            if (
-                hashes[other] == h
-                and source[other] == source[ray]
-                and offsets[other + 1] - offsets[other] == n
-                and _same(
-                    offsets[ray],
-                    n,
-                    objects,
-                    faces,
-                    events,
-                    media,
-                    meeting_offsets,
-                    detectors,
-                    registered,
-                    offsets[other],
-                    objects,
-                    faces,
-                    events,
-                    media,
-                    meeting_offsets,
-                    detectors,
-                    registered,
-                )
-            ):
+            if hashes[other] == h and _same(rays, ray, rays, other):
                 counts[found] += 1
                 group[ray] = found
                 break
@@ -227,91 +192,55 @@ def group_rays(
 
 @kernel
 def merge_paths(
-    source: NDArray[np.int16],
-    offsets: NDArray[np.int64],
-    objects: NDArray[np.int16],
-    faces: NDArray[np.int32],
-    events: NDArray[np.int32],
-    media: NDArray[np.int16],
-    meeting_offsets: NDArray[np.int64],
-    detectors: NDArray[np.int16],
-    registered: NDArray[np.bool_],
+    paths: Itineraries,
     hashes: NDArray[np.uint64],
-    g_source: NDArray[np.int16],
-    g_offsets: NDArray[np.int64],
-    g_objects: NDArray[np.int16],
-    g_faces: NDArray[np.int32],
-    g_events: NDArray[np.int32],
-    g_media: NDArray[np.int16],
-    g_meeting_offsets: NDArray[np.int64],
-    g_detectors: NDArray[np.int16],
-    g_registered: NDArray[np.bool_],
-    g_hashes: NDArray[np.uint64],
+    merged: Itineraries,
+    merged_hashes: NDArray[np.uint64],
     table: NDArray[np.int32],
-    n_global: int,
-    local_to_global: NDArray[np.int32],
+    n_merged: int,
+    numbers: NDArray[np.int32],
 ) -> int:
-    """Find each local path among the global ones, append the new ones; returns how many there are.
+    """Find each path among the merged ones, append the new ones; returns how many there are then.
 
-    The global arrays have room for everything that could be appended.
+    The arrays of ``merged`` have room for everything that could be appended.
     """
     mask = np.uint64(table.size - 1)
-    for path in range(source.size):
+    for path in range(paths.source.size):
         h = hashes[path]
-        n = offsets[path + 1] - offsets[path]
         slot = (h >> np.uint64(20)) & mask
         while True:
             found = table[slot]
             if found < 0:
-                # Append the path behind the others
-                table[slot] = n_global
-                g_hashes[n_global] = h
-                g_source[n_global] = source[path]
-                row = g_offsets[n_global]
-                for i in range(offsets[path], offsets[path + 1]):
-                    g_objects[row] = objects[i]
-                    g_faces[row] = faces[i]
-                    g_events[row] = events[i]
-                    g_media[row] = media[i]
-                    meeting = g_meeting_offsets[row]
-                    for k in range(meeting_offsets[i], meeting_offsets[i + 1]):
-                        g_detectors[meeting] = detectors[k]
-                        g_registered[meeting] = registered[k]
-                        meeting += 1
-                    row += 1
-                    g_meeting_offsets[row] = meeting
-                local_to_global[path] = n_global
-                n_global += 1
-                g_offsets[n_global] = row
+                table[slot] = n_merged
+                merged_hashes[n_merged] = h
+                _append_path(paths, path, merged, n_merged)
+                numbers[path] = n_merged
+                n_merged += 1
                 break
-            if (
-                g_hashes[found] == h
-                and g_source[found] == source[path]
-                and g_offsets[found + 1] - g_offsets[found] == n
-                and _same(
-                    offsets[path],
-                    n,
-                    objects,
-                    faces,
-                    events,
-                    media,
-                    meeting_offsets,
-                    detectors,
-                    registered,
-                    g_offsets[found],
-                    g_objects,
-                    g_faces,
-                    g_events,
-                    g_media,
-                    g_meeting_offsets,
-                    g_detectors,
-                    g_registered,
-                )
-            ):
-                local_to_global[path] = found
+            if merged_hashes[found] == h and _same(paths, path, merged, found):
+                numbers[path] = found
                 break
             slot = (slot + np.uint64(1)) & mask
-    return n_global
+    return n_merged
+
+
+@kernel
+def _append_path(paths: Itineraries, path: int, merged: Itineraries, place: int) -> None:
+    merged.source[place] = paths.source[path]
+    row = merged.offsets[place]
+    for i in range(paths.offsets[path], paths.offsets[path + 1]):
+        merged.object[row] = paths.object[i]
+        merged.face[row] = paths.face[i]
+        merged.event[row] = paths.event[i]
+        merged.medium[row] = paths.medium[i]
+        meeting = merged.meeting_offsets[row]
+        for k in range(paths.meeting_offsets[i], paths.meeting_offsets[i + 1]):
+            merged.detector[meeting] = paths.detector[k]
+            merged.registered[meeting] = paths.registered[k]
+            meeting += 1
+        row += 1
+        merged.meeting_offsets[row] = meeting
+    merged.offsets[place + 1] = row
 
 
 @kernel
@@ -365,21 +294,6 @@ def expand_points(
         target = record_offsets[ray]
         for i in range(record_offsets[ray + 1] - target):
             out[target + i] = column[start + i]
-
-
-@kernel
-def point_rows(
-    path_numbers: NDArray[np.uint32],
-    path_offsets: NDArray[np.int64],
-    record_offsets: NDArray[np.int64],
-    out: NDArray[np.int64],
-) -> None:
-    """Row of the path dictionary's points that each record belongs to."""
-    for ray in range(path_numbers.size):
-        start = path_offsets[path_numbers[ray]]
-        target = record_offsets[ray]
-        for i in range(record_offsets[ray + 1] - target):
-            out[target + i] = start + i
 
 
 @kernel

@@ -170,13 +170,18 @@ def parse_chunk_header(data: bytes) -> ChunkHeader:
         raise FormatError("chunk header fails its checksum")
     streams = []
     offset = end
-    for fields in _STREAM.iter_unpack(body[meta_size:]):
+    for packed_name, *fields in _STREAM.iter_unpack(body[meta_size:]):
         try:
-            name = fields[0].rstrip(b"\0").decode()
+            name = packed_name.rstrip(b"\0").decode()
         except UnicodeDecodeError:
             raise FormatError("a stream's name is not UTF-8") from None
-        streams.append(StreamEntry(name, *fields[1:], offset))
-        offset += fields[7]
+        kind, codec, plane, scope, width, raw_size, stored_size, digest = fields
+        streams.append(
+            StreamEntry(
+                name, kind, codec, plane, scope, width, raw_size, stored_size, digest, offset
+            )
+        )
+        offset += stored_size
     if offset != size:
         raise FormatError(f"streams end at byte {offset} of a chunk of {size} bytes")
     return ChunkHeader(tag, version, size, body[:meta_size], tuple(streams))

@@ -22,7 +22,16 @@ from raymap.directory import Directory, Quadric
 from raymap.events import Event
 from raymap.kernels import kernel
 
-__all__ = ["EMISSION", "LEFT", "MANY", "NO_SHAPE", "ShapeTable", "compile_shapes", "shape_codes"]
+__all__ = [
+    "EMISSION",
+    "LEFT",
+    "MANY",
+    "NO_SHAPE",
+    "RayShapes",
+    "ShapeTable",
+    "compile_shapes",
+    "shape_codes",
+]
 
 NO_SHAPE, EMISSION, LEFT, MANY = -1, -2, -3, -10
 MAX_REMEMBERED = 2**22
@@ -56,10 +65,24 @@ class ShapeTable(NamedTuple):
     primitive_quadric: NDArray[np.int32]
     n_remembered: int
 
-    @property
-    def sphere(self) -> int:
-        """Row of the bounding sphere."""
-        return len(self.axis) - 1
+
+class RayShapes(NamedTuple):
+    """Rays and the shape codes of their points.
+
+    Attributes
+    ----------
+    numbers : (n_rays,) path of each ray
+    path_offsets : (n_paths + 1,) points of each path
+    record_offsets : (n_rays + 1,) records of each ray
+    codes : (n_points,) shape code of each point of the paths
+    triangles : (n_records,) primitives, or (0,) where no code needs them
+    """
+
+    numbers: NDArray[np.uint32]
+    path_offsets: NDArray[np.int64]
+    record_offsets: NDArray[np.int64]
+    codes: NDArray[np.int32]
+    triangles: NDArray[np.int32]
 
 
 def compile_shapes(directory: Directory) -> ShapeTable:

@@ -20,6 +20,7 @@ from raymap.streams import Scope, decode_column
 
 if TYPE_CHECKING:
     from raymap.reader import RayMap
+    from raymap.shapes import RayShapes
 
 __all__ = ["StoredPortion"]
 
@@ -458,9 +459,9 @@ class StoredPortion:
             raise self._damaged("primitives do not fit the faces")
         return out
 
-    def _itinerary(self, needs_triangles: bool) -> Any:
+    def _ray_shapes(self, needs_triangles: bool) -> RayShapes:
         """Path numbers, offsets, shape codes and primitives, as the geometry's passes take them."""
-        from raymap.shapes import MANY, shape_codes
+        from raymap.shapes import MANY, RayShapes, shape_codes
 
         paths = self.paths()
         codes = np.empty(paths.n_points, np.int32)
@@ -468,7 +469,9 @@ class StoredPortion:
         shape_codes(paths.offsets, paths.object, paths.face, paths.event, shapes.face_code, codes)
         needs_triangles = needs_triangles and bool((codes <= MANY).any())
         triangles = self._column_triangle() if needs_triangles else np.empty(0, np.int32)
-        return self.path_numbers(), paths.offsets, self.record_offsets(), codes, triangles
+        return RayShapes(
+            self.path_numbers(), paths.offsets, self.record_offsets(), codes, triangles
+        )
 
     def _column_position(self) -> NDArray[np.float32]:
         encodings = self._index.meta.encodings
@@ -483,15 +486,13 @@ class StoredPortion:
 
         shapes = self._map.shapes
         sound = decode_positions(
-            *self._itinerary(solve_faces and len(shapes.primitive_quadric) > 0),
-            shapes.solve,
-            shapes.axis,
-            shapes.first_primitive,
-            shapes.face_start,
-            shapes.primitive_quadric,
+            self._ray_shapes(solve_faces and len(shapes.primitive_quadric) > 0),
+            shapes,
             solve_faces,
             solve_sphere,
-            *(self._stream(f"position.{name}", None, np.float32).view(np.uint32) for name in "xyz"),
+            self._coordinate("x"),
+            self._coordinate("y"),
+            self._coordinate("z"),
             self._stream("position.residual", None, np.uint32),
             self._stream("position.root", None, np.uint8),
             out,
@@ -500,6 +501,9 @@ class StoredPortion:
         if not sound:
             raise self._damaged("positions do not fit the paths")
         return out
+
+    def _coordinate(self, axis: str) -> NDArray[np.uint32]:
+        return self._stream(f"position.{axis}", None, np.float32).view(np.uint32)
 
     def _column_normal(self) -> NDArray[np.int16]:
         return self._normals(None)
@@ -516,16 +520,15 @@ class StoredPortion:
 
         shapes = self._map.shapes
         decode_normals(
-            *self._itinerary(True),
+            self._ray_shapes(True),
             self._column_source(),
-            shapes.gradient,
-            shapes.first_primitive,
-            shapes.face_start,
-            shapes.primitive_quadric,
+            shapes,
             np.zeros((len(self.emitted), 3), np.int16),
             np.zeros((shapes.n_remembered, 3), np.int16),
             self._column_position() if position is None else position,
-            *(self._stream(f"normal.{name}", n, np.uint16) for name in "xyz"),
+            self._stream("normal.x", n, np.uint16),
+            self._stream("normal.y", n, np.uint16),
+            self._stream("normal.z", n, np.uint16),
             out,
         )
         return out

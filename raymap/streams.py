@@ -169,7 +169,7 @@ class StreamSet:
         raw_size: int,
         stored: bytes | NDArray[np.uint8],
     ) -> None:
-        digest = xxhash.xxh3_64_intdigest(memoryview(stored))
+        digest = xxhash.xxh3_64_intdigest(stored if isinstance(stored, bytes) else stored.data)
         size = len(stored)
         self.entries.append(
             StreamEntry(name, kind, codec, plane, int(scope), width, raw_size, size, digest)
