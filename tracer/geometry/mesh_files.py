@@ -85,7 +85,7 @@ def _read(
         raise SceneError(f"mesh {body!r}: there is no file {file}")
     options: dict[str, Any] = {"process": False}
     if file.suffix.lower() == ".obj":
-        options |= {"split_object": True, "group_material": False, "skip_materials": True}
+        options |= {"split_objects": True, "split_groups": True}
     try:
         scene = trimesh.load_scene(file, **options)
     except Exception as error:  # a reader of foreign files may raise anything

@@ -12,6 +12,9 @@ computed again in float64 on the triangle found. What rounding could spoil is de
   so media stay consistent at edges.
 - Where the exact ray passes just beside the triangle found, one of its neighbours is taken if the
   ray meets it; else the point is put on the rim of the triangle found.
+
+The helpers take arrays, not the tuple of all arrays: taking an array out of a tuple counts a
+reference, which costs as much as an intersection.
 """
 
 from __future__ import annotations
@@ -40,23 +43,23 @@ class MeshArrays(NamedTuple):
     handle : Embree's scene
     center : (3,) point that Embree sees as origin
     radius : of the sphere about ``center`` that holds all triangles
-    vertices : (n_vertices, 3)
-    triangles : (n_triangles, 3) rows of ``vertices``
+    corners : (n_triangles, 9) the three corners x, y, z of each triangle, local
+    triangles : (n_triangles, 3) numbers of the corners
     first_around : (n_vertices + 1,) triangles that share vertex v are
         around[first_around[v]:first_around[v + 1]]
     around : (3 n_triangles,) rows of ``triangles``
     first_triangle : (n_objects,) row of the object's primitive 0
-    placed : (n_objects,) 1 for an instance with a transform, else vertices are in the world
-    to_local : (n_objects, 3, 4) world to local, for placed objects
+    placed : (n_objects,) 1 for an instance with a transform, else corners are in the world
+    to_local : (n_objects, 12) world to local as a (3, 4) matrix, for placed objects
     closed : (n_objects,) 1 where the mesh bounds a volume
     first_corner : (n_objects,) row of ``corner_normals`` of primitive 0, -1 without smooth normals
-    corner_normals : (n, 3, 3) unit normals at the corners of each triangle, local
+    corner_normals : (n, 9) unit normals at the corners of each triangle, local
     """
 
     handle: int
     center: F64
     radius: float
-    vertices: F64
+    corners: F64
     triangles: I32
     first_around: I64
     around: I32
@@ -68,33 +71,52 @@ class MeshArrays(NamedTuple):
     corner_normals: F64
 
 
-_OFFSET = 5e-7  # of the scene's radius: above float32 rounding of start and vertices
+_OFFSET = 5e-7  # of the scene's radius: above float32 rounding of start and corners
 _EDGE = 64.0  # offsets from an edge within which neighbours are tried
 _NEAR = 1e-10  # of the scene's radius: above float64 rounding of a start on a triangle
 _INSIDE = 1e-10  # tolerance of barycentric coordinates
 _TRIES = 32
+_BLOCK = 128
 
 
 @kernel
-def _local_ray(
-    m: MeshArrays, body: int, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float
-) -> tuple[float, float, float, float, float, float]:
-    if m.placed[body] == 0:
-        return ox, oy, oz, dx, dy, dz
-    a = m.to_local[body]
+def _point_to_local(a: F64, b: int, x: float, y: float, z: float) -> tuple[float, float, float]:
     return (
-        a[0, 0] * ox + a[0, 1] * oy + a[0, 2] * oz + a[0, 3],
-        a[1, 0] * ox + a[1, 1] * oy + a[1, 2] * oz + a[1, 3],
-        a[2, 0] * ox + a[2, 1] * oy + a[2, 2] * oz + a[2, 3],
-        a[0, 0] * dx + a[0, 1] * dy + a[0, 2] * dz,
-        a[1, 0] * dx + a[1, 1] * dy + a[1, 2] * dz,
-        a[2, 0] * dx + a[2, 1] * dy + a[2, 2] * dz,
+        a[b, 0] * x + a[b, 1] * y + a[b, 2] * z + a[b, 3],
+        a[b, 4] * x + a[b, 5] * y + a[b, 6] * z + a[b, 7],
+        a[b, 8] * x + a[b, 9] * y + a[b, 10] * z + a[b, 11],
     )
 
 
 @kernel
+def _vector_to_local(a: F64, b: int, x: float, y: float, z: float) -> tuple[float, float, float]:
+    return (
+        a[b, 0] * x + a[b, 1] * y + a[b, 2] * z,
+        a[b, 4] * x + a[b, 5] * y + a[b, 6] * z,
+        a[b, 8] * x + a[b, 9] * y + a[b, 10] * z,
+    )
+
+
+@kernel
+def _normal_to_world(a: F64, b: int, x: float, y: float, z: float) -> tuple[float, float, float]:
+    return (
+        a[b, 0] * x + a[b, 4] * y + a[b, 8] * z,
+        a[b, 1] * x + a[b, 5] * y + a[b, 9] * z,
+        a[b, 2] * x + a[b, 6] * y + a[b, 10] * z,
+    )
+
+
+@kernel
+def _cross_edges(c: F64, row: int) -> tuple[float, float, float]:
+    """Normal of a triangle, local, of twice its area."""
+    ax, ay, az = c[row, 3] - c[row, 0], c[row, 4] - c[row, 1], c[row, 5] - c[row, 2]
+    bx, by, bz = c[row, 6] - c[row, 0], c[row, 7] - c[row, 1], c[row, 8] - c[row, 2]
+    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+
+
+@kernel
 def _meet(
-    m: MeshArrays, row: int, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float
+    c: F64, row: int, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float
 ) -> tuple[float, float, float, float]:
     """Distance, barycentric u and v, and d . normal (not a unit vector) of a local ray.
 
@@ -102,10 +124,9 @@ def _meet(
     ----------
     T. Möller, B. Trumbore, J. Graphics Tools 2(1), 21 (1997).
     """
-    i, j, k = m.triangles[row, 0], m.triangles[row, 1], m.triangles[row, 2]
-    x, y, z = m.vertices[i, 0], m.vertices[i, 1], m.vertices[i, 2]
-    ax, ay, az = m.vertices[j, 0] - x, m.vertices[j, 1] - y, m.vertices[j, 2] - z
-    bx, by, bz = m.vertices[k, 0] - x, m.vertices[k, 1] - y, m.vertices[k, 2] - z
+    x, y, z = c[row, 0], c[row, 1], c[row, 2]
+    ax, ay, az = c[row, 3] - x, c[row, 4] - y, c[row, 5] - z
+    bx, by, bz = c[row, 6] - x, c[row, 7] - y, c[row, 8] - z
     px, py, pz = dy * bz - dz * by, dz * bx - dx * bz, dx * by - dy * bx
     determinant = ax * px + ay * py + az * pz
     inverse = 1.0 / determinant
@@ -124,26 +145,10 @@ def _inside(u: float, v: float) -> bool:
 
 @kernel
 def mesh_normal(m: MeshArrays, body: int, primitive: int) -> tuple[float, float, float]:
-    """Unit normal of a triangle in the world, by the order of its vertices (outward)."""
-    row = m.first_triangle[body] + primitive
-    i, j, k = m.triangles[row, 0], m.triangles[row, 1], m.triangles[row, 2]
-    x, y, z = m.vertices[i, 0], m.vertices[i, 1], m.vertices[i, 2]
-    ax, ay, az = m.vertices[j, 0] - x, m.vertices[j, 1] - y, m.vertices[j, 2] - z
-    bx, by, bz = m.vertices[k, 0] - x, m.vertices[k, 1] - y, m.vertices[k, 2] - z
-    nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-    return _normal_to_world(m, body, nx, ny, nz)
-
-
-@kernel
-def _normal_to_world(
-    m: MeshArrays, body: int, nx: float, ny: float, nz: float
-) -> tuple[float, float, float]:
+    """Unit normal of a triangle in the world, by the order of its corners (outward)."""
+    nx, ny, nz = _cross_edges(m.corners, m.first_triangle[body] + primitive)
     if m.placed[body] != 0:
-        a = m.to_local[body]
-        x = a[0, 0] * nx + a[1, 0] * ny + a[2, 0] * nz
-        y = a[0, 1] * nx + a[1, 1] * ny + a[2, 1] * nz
-        z = a[0, 2] * nx + a[1, 2] * ny + a[2, 2] * nz
-        nx, ny, nz = x, y, z
+        nx, ny, nz = _normal_to_world(m.to_local, body, nx, ny, nz)
     scale = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
     return nx * scale, ny * scale, nz * scale
 
@@ -156,40 +161,48 @@ def mesh_shading_normal(
     first = m.first_corner[body]
     if first < 0:
         return mesh_normal(m, body, primitive)
-    nx, ny, nz = mesh_normal(m, body, primitive)
-    ox, oy, oz, dx, dy, dz = _local_ray(m, body, px, py, pz, nx, ny, nz)
-    _, u, v, _ = _meet(m, m.first_triangle[body] + primitive, ox, oy, oz, dx, dy, dz)
+    # Find the point's place on the triangle
+    if m.placed[body] != 0:
+        px, py, pz = _point_to_local(m.to_local, body, px, py, pz)
+    row = m.first_triangle[body] + primitive
+    nx, ny, nz = _cross_edges(m.corners, row)
+    _, u, v, _ = _meet(m.corners, row, px, py, pz, nx, ny, nz)
     w = 1.0 - u - v
-    c = m.corner_normals[first + primitive]
-    return _normal_to_world(
-        m,
-        body,
-        w * c[0, 0] + u * c[1, 0] + v * c[2, 0],
-        w * c[0, 1] + u * c[1, 1] + v * c[2, 1],
-        w * c[0, 2] + u * c[1, 2] + v * c[2, 2],
-    )
+    # Interpolate the normals of its corners
+    c = m.corner_normals
+    k = first + primitive
+    nx = w * c[k, 0] + u * c[k, 3] + v * c[k, 6]
+    ny = w * c[k, 1] + u * c[k, 4] + v * c[k, 7]
+    nz = w * c[k, 2] + u * c[k, 5] + v * c[k, 8]
+    if m.placed[body] != 0:
+        nx, ny, nz = _normal_to_world(m.to_local, body, nx, ny, nz)
+    scale = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
+    return nx * scale, ny * scale, nz * scale
 
 
 @kernel
-def _edge_distance(m: MeshArrays, row: int, px: float, py: float, pz: float) -> float:
-    """Distance of a point in the plane of a triangle from the nearest edge's line, local."""
-    nearest = math.inf
+def _close_to_edge(c: F64, row: int, x: float, y: float, z: float, distance: float) -> bool:
+    """Whether a point in the plane of a triangle lies within ``distance`` of an edge's line."""
     for corner in range(3):
-        i = m.triangles[row, corner]
-        j = m.triangles[row, (corner + 1) % 3]
-        ax = m.vertices[j, 0] - m.vertices[i, 0]
-        ay = m.vertices[j, 1] - m.vertices[i, 1]
-        az = m.vertices[j, 2] - m.vertices[i, 2]
-        bx, by, bz = px - m.vertices[i, 0], py - m.vertices[i, 1], pz - m.vertices[i, 2]
-        cx, cy, cz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-        square = (cx * cx + cy * cy + cz * cz) / (ax * ax + ay * ay + az * az)
-        nearest = min(nearest, square)
-    return math.sqrt(nearest)
+        i = 3 * corner
+        j = (i + 3) % 9
+        ax, ay, az = (
+            c[row, j] - c[row, i],
+            c[row, j + 1] - c[row, i + 1],
+            c[row, j + 2] - c[row, i + 2],
+        )
+        bx, by, bz = x - c[row, i], y - c[row, i + 1], z - c[row, i + 2]
+        px, py, pz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+        limit = distance * distance * (ax * ax + ay * ay + az * az)
+        if px * px + py * py + pz * pz < limit:
+            return True
+    return False
 
 
 @kernel
 def _nearest_around(
-    m: MeshArrays, row: int, near: float, least: float, limit: float, way: float,
+    c: F64, triangles: I32, first_around: I64, around: I32, row: int,
+    near: float, least: float, limit: float, way: float,
     ox: float, oy: float, oz: float, dx: float, dy: float, dz: float,
 ) -> tuple[float, int]:  # fmt: skip
     """Nearest hit with the triangles that share a vertex with ``row``; -1 without one.
@@ -198,38 +211,65 @@ def _nearest_around(
     """
     best, found = limit, -1
     for corner in range(3):
-        vertex = m.triangles[row, corner]
-        for place in range(m.first_around[vertex], m.first_around[vertex + 1]):
-            other = m.around[place]
+        vertex = triangles[row, corner]
+        for place in range(first_around[vertex], first_around[vertex + 1]):
+            other = around[place]
             if other == row:
                 continue
-            t, u, v, crossing = _meet(m, other, ox, oy, oz, dx, dy, dz)
+            t, u, v, crossing = _meet(c, other, ox, oy, oz, dx, dy, dz)
             if t < best and _inside(u, v) and (t > least or (t > -near and crossing * way > 0.0)):
                 best, found = t, other
     return best, found
 
 
 @kernel
-def _neighbour_hit(
-    m: MeshArrays, row: int, low: float, way: float,
+def _decide(
+    corners: F64, triangles: I32, first_around: I64, around: I32, to_local: F64, placed: int,
+    closed: int, first: F64, k: int, found: int, row: int, own: int, own_row: int, way: float,
+    near: float,
     ox: float, oy: float, oz: float, dx: float, dy: float, dz: float,
-) -> tuple[float, int]:  # fmt: skip
-    """The neighbour of ``row`` that a ray meets beyond ``low`` crossing it in the same sense."""
-    best, found = math.inf, -1
-    for corner in range(3):
-        vertex = m.triangles[row, corner]
-        for place in range(m.first_around[vertex], m.first_around[vertex + 1]):
-            other = m.around[place]
-            t, u, v, crossing = _meet(m, other, ox, oy, oz, dx, dy, dz)
-            if low < t < best and _inside(u, v) and crossing * way > 0.0:
-                best, found = t, other
-    return best, found
+) -> tuple[bool, float, int, float, float, float]:  # fmt: skip
+    """Hit in float64 on the triangle that Embree found: accepted, distance, row and point.
+
+    The corners of triangle ``row`` stand in row ``k`` of ``first``.
+    """
+    lx, ly, lz, ex, ey, ez = ox, oy, oz, dx, dy, dz
+    if placed != 0:
+        lx, ly, lz = _point_to_local(to_local, found, ox, oy, oz)
+        ex, ey, ez = _vector_to_local(to_local, found, dx, dy, dz)
+    hit, u, v, crossing = _meet(first, k, lx, ly, lz, ex, ey, ez)
+    x, y, z = ox + hit * dx, oy + hit * dy, oz + hit * dz
+    if not _inside(u, v):
+        # Beside it: take the neighbour that is crossed in the same sense, or the rim
+        hit, other = _nearest_around(
+            corners, triangles, first_around, around, row, near, math.inf, math.inf, crossing,
+            lx, ly, lz, ex, ey, ez,
+        )  # fmt: skip
+        if other >= 0 and other != own_row:
+            row = other
+            x, y, z = ox + hit * dx, oy + hit * dy, oz + hit * dz
+        else:
+            x, y, z = _rim(corners, row, u, v)
+            if placed != 0:
+                x, y, z = _point_to_world(to_local, found, x, y, z)
+            hit = (x - ox) * dx + (y - oy) * dy + (z - oz) * dz
+    if found == own and row == own_row:
+        accepted = False
+    elif found == own and closed != 0:
+        accepted = hit > -near and crossing * way < 0.0
+    elif hit > near:
+        accepted = True
+    elif own >= 0:
+        accepted = hit > -near and crossing * way < 0.0
+    else:
+        accepted = hit > 0.0
+    return accepted, max(hit, 0.0), row, x, y, z
 
 
 @kernel
 def nearest_on_meshes(
     m: MeshArrays, rays: F64, own_body: I64, own_primitive: I64, t: F64, body: I64,
-    primitive: I64, point: F64, n: int,
+    primitive: I64, point: F64, normal: F64, n: int,
 ) -> None:  # fmt: skip
     """Improve the nearest hit of ``n`` rays by all meshes.
 
@@ -241,136 +281,203 @@ def nearest_on_meshes(
     body, primitive : (>= n,) replaced likewise
     point : (3, >= n) place of the hit, on the triangle, replaced likewise. It differs from
         origin + t direction only where the ray passes an edge within float32 rounding.
+    normal : (3, >= n) outward unit normal of the triangle, replaced likewise
+
+    Notes
+    -----
+    Rays go through in blocks, and each step is a loop of its own: triangles lie scattered in
+    memory, and the processor fetches those of the next rays while it computes on this one's.
     """
+    # Take the arrays out of the tuple once
+    corners, triangles, to_local, placed = m.corners, m.triangles, m.to_local, m.placed
+    first_around, around = m.first_around, m.around
+    first_triangle, closed = m.first_triangle, m.closed
     # Lay out one ray and hit for Embree, aligned to 16 bytes
     raw = np.zeros(RAYHIT_WORDS + 4, np.float32)
     skew = (16 - raw.ctypes.data % 16) % 16 // 4
     words = raw[skew : skew + RAYHIT_WORDS]
     bits = words.view(np.uint32)
     address = words.ctypes.data
-    offset = _OFFSET * m.radius
-    near = _NEAR * m.radius
+    scene = np.uintp(m.handle)
+    radius = m.radius
+    offset = _OFFSET * radius
+    near = _NEAR * radius
     cx, cy, cz = m.center[0], m.center[1], m.center[2]
-    for i in range(n):
-        ox, oy, oz = rays[0, i], rays[1, i], rays[2, i]
-        dx, dy, dz = rays[3, i], rays[4, i], rays[5, i]
-        # Clip the ray to the sphere around all triangles, so that distant starts stay precise
-        wx, wy, wz = ox - cx, oy - cy, oz - cz
-        along = -(wx * dx + wy * dy + wz * dz)
-        gx, gy, gz = wx + along * dx, wy + along * dy, wz + along * dz
-        outer = 1.001 * m.radius
-        chord = outer * outer - (gx * gx + gy * gy + gz * gz)
-        if chord <= 0.0:
-            continue
-        chord = math.sqrt(chord)
-        if along + chord <= 0.0:
-            continue
-        start = max(0.0, along - chord)
-        if start >= t[i]:
-            continue
-        sx, sy, sz = wx + start * dx, wy + start * dy, wz + start * dz
-        best, best_body, best_row = t[i], -1, -1
-        hx, hy, hz = 0.0, 0.0, 0.0
-        # Step off the triangle that the ray leaves; near its edges try the triangles around
-        own, own_row, way = own_body[i], -1, 0.0
-        if own >= 0:
-            own_row = m.first_triangle[own] + own_primitive[i]
-            nx, ny, nz = mesh_normal(m, own, own_primitive[i])
-            way = dx * nx + dy * ny + dz * nz
-            side = offset if way > 0.0 else -offset
-            sx, sy, sz = sx + side * nx, sy + side * ny, sz + side * nz
-            lx, ly, lz, ex, ey, ez = _local_ray(m, own, ox, oy, oz, dx, dy, dz)
-            if _edge_distance(m, own_row, lx, ly, lz) < _EDGE * offset:
-                least = math.inf if m.closed[own] != 0 else near
-                around, row = _nearest_around(
-                    m, own_row, near, least, best, -way, lx, ly, lz, ex, ey, ez
-                )
-                if row >= 0:
-                    best, best_body, best_row = max(around, 0.0), own, row
-                    hx, hy, hz = ox + best * dx, oy + best * dy, oz + best * dz
-        words[0], words[1], words[2] = sx, sy, sz
-        words[4], words[5], words[6] = dx, dy, dz
-        words[7] = 0.0
-        words[3] = 0.0
-        for _ in range(_TRIES):
-            words[8] = (best - start) * 1.000001 + offset
+    # Per block: what Embree gets, and what it gave
+    shifted = np.zeros((3, _BLOCK))
+    begin = np.zeros(_BLOCK)
+    ways = np.zeros(_BLOCK)
+    own_rows = np.zeros(_BLOCK, np.int64)
+    bests = np.zeros(_BLOCK)
+    best_rows = np.zeros(_BLOCK, np.int64)
+    hit_body = np.zeros(_BLOCK, np.int64)
+    hit_row = np.zeros(_BLOCK, np.int64)
+    copies = np.zeros((_BLOCK, 9))
+    for base in range(0, n, _BLOCK):
+        size = min(_BLOCK, n - base)
+        # Collect the triangles that the rays leave
+        for k in range(size):
+            own = own_body[base + k]
+            own_rows[k] = -1
+            if own >= 0:
+                own_rows[k] = first_triangle[own] + own_primitive[base + k]
+                for j in range(9):
+                    copies[k, j] = corners[own_rows[k], j]
+        for k in range(size):
+            i = base + k
+            ox, oy, oz = rays[0, i], rays[1, i], rays[2, i]
+            dx, dy, dz = rays[3, i], rays[4, i], rays[5, i]
+            # Clip the ray to the sphere around all triangles, so that distant starts stay precise
+            sx, sy, sz = ox - cx, oy - cy, oz - cz
+            along = -(sx * dx + sy * dy + sz * dz)
+            gx, gy, gz = sx + along * dx, sy + along * dy, sz + along * dz
+            chord = 1.002001 * radius * radius - (gx * gx + gy * gy + gz * gz)
+            begin[k] = math.inf
+            if chord <= 0.0:
+                continue
+            chord = math.sqrt(chord)
+            start = max(0.0, along - chord)
+            if along + chord <= 0.0 or start >= t[i]:
+                continue
+            begin[k] = start
+            bests[k], best_rows[k] = t[i], -1
+            ways[k] = 0.0
+            # Step off the triangle that the ray leaves; near its edges try the triangles around
+            own = own_body[i]
+            if own >= 0:
+                nx, ny, nz = _cross_edges(copies, k)
+                lx, ly, lz, ex, ey, ez = ox, oy, oz, dx, dy, dz
+                if placed[own] != 0:
+                    nx, ny, nz = _normal_to_world(to_local, own, nx, ny, nz)
+                    lx, ly, lz = _point_to_local(to_local, own, ox, oy, oz)
+                    ex, ey, ez = _vector_to_local(to_local, own, dx, dy, dz)
+                way = dx * nx + dy * ny + dz * nz
+                ways[k] = way
+                side = math.copysign(offset, way) / math.sqrt(nx * nx + ny * ny + nz * nz)
+                sx, sy, sz = sx + side * nx, sy + side * ny, sz + side * nz
+                if _close_to_edge(copies, k, lx, ly, lz, _EDGE * offset):
+                    least = math.inf if closed[own] != 0 else near
+                    hit, row = _nearest_around(
+                        corners, triangles, first_around, around, own_rows[k], near, least,
+                        t[i], -way, lx, ly, lz, ex, ey, ez,
+                    )  # fmt: skip
+                    if row >= 0:
+                        bests[k], best_rows[k] = max(hit, 0.0), row
+            shifted[0, k] = sx + start * dx
+            shifted[1, k] = sy + start * dy
+            shifted[2, k] = sz + start * dz
+        # Ask Embree
+        for k in range(size):
+            i = base + k
+            hit_body[k] = -1
+            if begin[k] == math.inf:
+                continue
+            words[0], words[1], words[2], words[3] = shifted[0, k], shifted[1, k], shifted[2, k], 0
+            words[4], words[5], words[6], words[7] = rays[3, i], rays[4, i], rays[5, i], 0
+            words[8] = (bests[k] - begin[k]) * 1.000001 + offset
             bits[9], bits[10], bits[11] = INVALID, 0, 0
             bits[18], bits[19] = INVALID, INVALID
-            intersect(np.uintp(m.handle), address, np.uintp(0))
-            if bits[18] == INVALID:
-                break
-            # Name the triangle: an instance hides the number of its own geometry
-            number = bits[19] if bits[19] != INVALID else bits[18]
-            found = int(np.int64(number))
-            row = int(m.first_triangle[found] + np.int64(bits[17]))
-            lx, ly, lz, ex, ey, ez = _local_ray(m, found, ox, oy, oz, dx, dy, dz)
-            hit, u, v, crossing = _meet(m, row, lx, ly, lz, ex, ey, ez)
-            snapped = False
-            if not _inside(u, v):
-                other_hit, other = _neighbour_hit(m, row, -near, crossing, lx, ly, lz, ex, ey, ez)
-                if other >= 0 and not (found == own and other == own_row):
-                    hit, row = other_hit, other
-                else:
-                    snapped = True
-            if snapped:
-                px, py, pz, hit = _snap(m, found, row, u, v, ox, oy, oz, dx, dy, dz)
-            # Accept it, or look further along the ray
-            if found == own and row == own_row:
-                accepted = False
-            elif found == own and m.closed[own] != 0:
-                accepted = hit > -near and crossing * way < 0.0
-            elif hit > near:
-                accepted = True
-            elif own >= 0:
-                accepted = hit > -near and crossing * way < 0.0
-            else:
-                accepted = hit > 0.0
-            if accepted:
-                if hit < best:
-                    best, best_body, best_row = max(hit, 0.0), found, row
-                    if snapped:
-                        hx, hy, hz = px, py, pz
-                    else:
-                        hx, hy, hz = ox + best * dx, oy + best * dy, oz + best * dz
-                break
-            words[3] = words[8] * 1.0000003 + 1e-9 * m.radius
-        if best_body >= 0:
-            t[i] = best
-            body[i] = best_body
-            primitive[i] = best_row - m.first_triangle[best_body]
-            point[0, i], point[1, i], point[2, i] = hx, hy, hz
+            intersect(scene, address, np.uintp(0))
+            if bits[18] != INVALID:
+                # Name the triangle: an instance hides the number of its own geometry
+                number = bits[19] if bits[19] != INVALID else bits[18]
+                hit_body[k] = np.int64(number)
+                hit_row[k] = first_triangle[hit_body[k]] + np.int64(bits[17])
+        # Collect the triangles found
+        for k in range(size):
+            if hit_body[k] >= 0:
+                for j in range(9):
+                    copies[k, j] = corners[hit_row[k], j]
+        # Decide in float64; look further along the few rays whose hit is not accepted
+        for k in range(size):
+            i = base + k
+            if begin[k] == math.inf:
+                continue
+            best, best_row, best_body = bests[k], best_rows[k], own_body[i]
+            ox, oy, oz = rays[0, i], rays[1, i], rays[2, i]
+            dx, dy, dz = rays[3, i], rays[4, i], rays[5, i]
+            px, py, pz = ox + best * dx, oy + best * dy, oz + best * dz
+            found, row = hit_body[k], hit_row[k]
+            tries = 0
+            while found >= 0:
+                own = own_body[i]
+                accepted, hit, row, qx, qy, qz = _decide(
+                    corners, triangles, first_around, around, to_local, placed[found],
+                    closed[found], copies, k, found, row, own, own_rows[k], ways[k], near,
+                    ox, oy, oz, dx, dy, dz,
+                )  # fmt: skip
+                if accepted:
+                    if hit < best:
+                        best, best_body, best_row = hit, found, row
+                        px, py, pz = qx, qy, qz
+                    break
+                # Repeat the query up to here, then from here on
+                if tries == 0:
+                    words[0], words[1], words[2] = shifted[0, k], shifted[1, k], shifted[2, k]
+                    words[4], words[5], words[6] = dx, dy, dz
+                    words[3], words[7] = 0.0, 0.0
+                    words[8] = (best - begin[k]) * 1.000001 + offset
+                    bits[9], bits[10], bits[11] = INVALID, 0, 0
+                    bits[18], bits[19] = INVALID, INVALID
+                    intersect(scene, address, np.uintp(0))
+                tries += 1
+                if tries > _TRIES:
+                    break
+                words[3] = words[8] * 1.0000003 + 1e-9 * radius
+                words[8] = (best - begin[k]) * 1.000001 + offset
+                bits[18], bits[19] = INVALID, INVALID
+                intersect(scene, address, np.uintp(0))
+                found = -1
+                if bits[18] != INVALID:
+                    number = bits[19] if bits[19] != INVALID else bits[18]
+                    found = int(np.int64(number))
+                    row = int(first_triangle[found] + np.int64(bits[17]))
+                    for j in range(9):
+                        copies[k, j] = corners[row, j]
+            if best_row >= 0:
+                t[i] = best
+                body[i] = best_body
+                primitive[i] = best_row - first_triangle[best_body]
+                point[0, i], point[1, i], point[2, i] = px, py, pz
+                nx, ny, nz = _cross_edges(corners, best_row)
+                if placed[best_body] != 0:
+                    nx, ny, nz = _normal_to_world(to_local, best_body, nx, ny, nz)
+                scale = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
+                normal[0, i], normal[1, i], normal[2, i] = nx * scale, ny * scale, nz * scale
 
 
 @kernel
-def _snap(
-    m: MeshArrays, body: int, row: int, u: float, v: float,
-    ox: float, oy: float, oz: float, dx: float, dy: float, dz: float,
-) -> tuple[float, float, float, float]:  # fmt: skip
-    """The point of a triangle with clamped coordinates, in the world, and its distance."""
+def _rim(c: F64, row: int, u: float, v: float) -> tuple[float, float, float]:
+    """The point of a triangle with clamped coordinates, local."""
     if not (abs(u) < 1e6 and abs(v) < 1e6):
         u, v = 1.0 / 3.0, 1.0 / 3.0
     u, v = max(0.0, u), max(0.0, v)
     total = max(1.0, u + v)
     u, v = u / total, v / total
     w = 1.0 - u - v
-    i, j, k = m.triangles[row, 0], m.triangles[row, 1], m.triangles[row, 2]
-    x = w * m.vertices[i, 0] + u * m.vertices[j, 0] + v * m.vertices[k, 0]
-    y = w * m.vertices[i, 1] + u * m.vertices[j, 1] + v * m.vertices[k, 1]
-    z = w * m.vertices[i, 2] + u * m.vertices[j, 2] + v * m.vertices[k, 2]
-    if m.placed[body] != 0:
-        # Solve local = A world + b by the adjugate of A
-        a = m.to_local[body]
-        x, y, z = x - a[0, 3], y - a[1, 3], z - a[2, 3]
-        c00 = a[1, 1] * a[2, 2] - a[1, 2] * a[2, 1]
-        c01 = a[1, 2] * a[2, 0] - a[1, 0] * a[2, 2]
-        c02 = a[1, 0] * a[2, 1] - a[1, 1] * a[2, 0]
-        inverse = 1.0 / (a[0, 0] * c00 + a[0, 1] * c01 + a[0, 2] * c02)
-        rx = c00 * x + (a[0, 2] * a[2, 1] - a[0, 1] * a[2, 2]) * y
-        rx += (a[0, 1] * a[1, 2] - a[0, 2] * a[1, 1]) * z
-        ry = c01 * x + (a[0, 0] * a[2, 2] - a[0, 2] * a[2, 0]) * y
-        ry += (a[0, 2] * a[1, 0] - a[0, 0] * a[1, 2]) * z
-        rz = c02 * x + (a[0, 1] * a[2, 0] - a[0, 0] * a[2, 1]) * y
-        rz += (a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0]) * z
-        x, y, z = rx * inverse, ry * inverse, rz * inverse
-    hit = (x - ox) * dx + (y - oy) * dy + (z - oz) * dz
-    return x, y, z, hit
+    return (
+        w * c[row, 0] + u * c[row, 3] + v * c[row, 6],
+        w * c[row, 1] + u * c[row, 4] + v * c[row, 7],
+        w * c[row, 2] + u * c[row, 5] + v * c[row, 8],
+    )
+
+
+@kernel
+def _point_to_world(a: F64, b: int, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Solve local = A world + shift by Cramer's rule."""
+    x, y, z = x - a[b, 3], y - a[b, 7], z - a[b, 11]
+    c0 = a[b, 5] * a[b, 10] - a[b, 6] * a[b, 9]
+    c1 = a[b, 6] * a[b, 8] - a[b, 4] * a[b, 10]
+    c2 = a[b, 4] * a[b, 9] - a[b, 5] * a[b, 8]
+    d0 = a[b, 2] * a[b, 9] - a[b, 1] * a[b, 10]
+    d1 = a[b, 0] * a[b, 10] - a[b, 2] * a[b, 8]
+    d2 = a[b, 1] * a[b, 8] - a[b, 0] * a[b, 9]
+    e0 = a[b, 1] * a[b, 6] - a[b, 2] * a[b, 5]
+    e1 = a[b, 2] * a[b, 4] - a[b, 0] * a[b, 6]
+    e2 = a[b, 0] * a[b, 5] - a[b, 1] * a[b, 4]
+    scale = 1.0 / (a[b, 0] * c0 + a[b, 1] * c1 + a[b, 2] * c2)
+    return (
+        (c0 * x + d0 * y + e0 * z) * scale,
+        (c1 * x + d1 * y + e1 * z) * scale,
+        (c2 * x + d2 * y + e2 * z) * scale,
+    )

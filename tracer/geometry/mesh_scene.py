@@ -134,29 +134,30 @@ class MeshScene:
             ]
         ).astype(np.int32)
         first_around, around = triangles_around(len(vertices), triangles)
+        corners = np.ascontiguousarray(vertices[triangles].reshape(-1, 9))
         # Corner normals of the smooth parts, one after the other
-        corners: list[NDArray[np.float64]] = []
+        smooth: list[NDArray[np.float64]] = []
         first_corner: list[int] = []
         rows = 0
         for part in self._parts:
             first_corner.append(-1 if part.corner_normals is None else rows)
             if part.corner_normals is not None:
-                corners.append(part.corner_normals)
+                smooth.append(part.corner_normals.reshape(-1, 9))
                 rows += len(part.corner_normals)
         return MeshArrays(
             handle=self._embree.handle,
             center=center,
             radius=radius,
-            vertices=np.asarray(_Kept(np.ascontiguousarray(vertices, np.float64), self._embree)),
+            corners=np.asarray(_Kept(corners, self._embree)),
             triangles=np.ascontiguousarray(triangles),
             first_around=first_around,
             around=around,
             first_triangle=np.array([self._first_row[part] for part in part_of], np.int64),
             placed=np.array([matrix is not None for matrix in matrices], np.int64),
-            to_local=to_local,
+            to_local=to_local.reshape(-1, 12),
             closed=np.array([self._parts[part].closed for part in part_of], np.int64),
             first_corner=np.array([first_corner[part] for part in part_of], np.int64),
-            corner_normals=np.concatenate(corners) if corners else np.zeros((0, 3, 3)),
+            corner_normals=np.concatenate(smooth) if smooth else np.zeros((0, 9)),
         )
 
 
@@ -195,7 +196,8 @@ def count_crossing_edges(mesh: TriangleMesh) -> int:
     t = length - 2.0 * margin
     none = np.full(count, -1, np.int64)
     body, primitive = none.copy(), none.copy()
-    nearest_on_meshes(arrays, rays, none, none, t, body, primitive, np.zeros((3, count)), count)
+    unused = np.zeros((3, count))
+    nearest_on_meshes(arrays, rays, none, none, t, body, primitive, unused, unused.copy(), count)
     hit = body >= 0
     met = rows[primitive[hit]]
     ends = edges[hit]

@@ -71,7 +71,8 @@ def shoot(
     none = np.full(n, -1, np.int64)
     body, primitive, point = none.copy(), none.copy(), np.zeros((3, n))
     own_body, own_primitive = own or (none, none)
-    nearest_on_meshes(m, rays, own_body, own_primitive, t, body, primitive, point, n)
+    normal = point.copy()
+    nearest_on_meshes(m, rays, own_body, own_primitive, t, body, primitive, point, normal, n)
     return t, body, primitive, point.T
 
 
@@ -85,6 +86,7 @@ def _bounce(m: MeshArrays, state: int, n: int, bounces: int) -> tuple[int, int, 
     body = np.full(n, -1)
     primitive = np.full(n, -1)
     point = np.zeros((3, n))
+    normal = np.zeros((3, n))
     t = np.zeros(n)
     lost, outside, again = 0, 0, 0
     for i in range(n):
@@ -104,7 +106,7 @@ def _bounce(m: MeshArrays, state: int, n: int, bounces: int) -> tuple[int, int, 
             rays[3, i], rays[4, i], rays[5, i] = sign * d[0], sign * d[1], sign * d[2]
             t[i] = np.inf
             body[i] = -1
-        nearest_on_meshes(m, rays, own, own_primitive, t, body, primitive, point, n)
+        nearest_on_meshes(m, rays, own, own_primitive, t, body, primitive, point, normal, n)
         for i in range(n):
             if body[i] < 0:
                 lost += 1
@@ -188,7 +190,18 @@ def test_a_farther_mesh_does_not_replace_a_nearer_hit() -> None:
     for limit, expected in ((0.5, -1), (2.0, 0)):
         t = np.array([limit])
         body, primitive = none.copy(), none.copy()
-        nearest_on_meshes(scene.arrays, rays, none, none, t, body, primitive, np.zeros((3, 1)), 1)
+        nearest_on_meshes(
+            scene.arrays,
+            rays,
+            none,
+            none,
+            t,
+            body,
+            primitive,
+            np.zeros((3, 1)),
+            np.zeros((3, 1)),
+            1,
+        )
         assert body[0] == expected
         assert t[0] == pytest.approx(min(limit, 1.0))
 
