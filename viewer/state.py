@@ -143,7 +143,7 @@ class ViewState:
     opacities: dict[str, float] = dataclasses.field(default_factory=dict)
     hidden: tuple[str, ...] = ()
     names: bool = False
-    dark: bool = False
+    dark: bool = True
     camera: Camera | None = None
     section: Section = Section()
     clip: Clip = Clip()

@@ -1,0 +1,245 @@
+"""The rays of a selection that are drawn: the one place where pictures ask questions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from query import select
+from query.context import PathContext
+from query.images import detector_image as query_image
+from query.names import escape
+from query.path_text import PathNames, exact_criterion, path_text
+from query.ray_report import report
+from query.selector import bind_all
+from query.tables import path_table as query_table
+from raymap.errors import DamagedPortion, RayMapError
+from viewer.gather import read_rays, thin
+from viewer.itinerary import headline, reflections
+from viewer.rays import DrawnRays
+
+if TYPE_CHECKING:
+    from query.selection import Selection
+    from raymap.reader import RayMap
+
+__all__ = [
+    "Drawing",
+    "check_criterion",
+    "count_rays",
+    "detector_image",
+    "draw_rays",
+    "ghost_matrix",
+    "join_criteria",
+    "pair_criterion",
+    "path_labels",
+    "path_of_ray",
+    "path_table",
+    "ray_report",
+    "read_one",
+]
+
+Cancel = Callable[[], bool]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Drawing:
+    """Rays to draw.
+
+    Attributes
+    ----------
+    rays : the rays
+    labels : text of the paths by path number, for the legend; empty if they have no names
+    """
+
+    rays: DrawnRays
+    labels: dict[int, str]
+
+
+def join_criteria(*criteria: str) -> str:
+    """All of several criteria, given as text; empty ones are left out."""
+    parts = [text.strip() for text in criteria if text.strip()]
+    return parts[0] if len(parts) == 1 else " & ".join(f"({text})" for text in parts)
+
+
+def draw_rays(
+    ray_map: RayMap,
+    criterion: Any,
+    limit: int,
+    *,
+    paths: Sequence[tuple[str, str]] = (),
+    cancel: Cancel | None = None,
+) -> Drawing:
+    """Find and read at most ``limit`` rays that satisfy a criterion, the same ones every time.
+
+    Parameters
+    ----------
+    criterion : text, tree or JSON; None or "" selects every ray
+    paths : (criterion, label) of paths to be shown alone; each gets an equal part of ``limit`` and
+        is one path of the drawing
+    cancel : becomes true when the rays are no longer wanted
+    """
+    if not paths:
+        rays = _draw(ray_map, criterion or None, limit, cancel)
+        return Drawing(rays=rays, labels=path_labels(ray_map, rays.path))
+    share = max(1, limit // len(paths))
+    parts, labels = [], {}
+    for number, (path, label) in enumerate(paths):
+        text = join_criteria(str(criterion or ""), path)
+        rays = _draw(ray_map, text, share, cancel)
+        parts.append(replace(rays, path=np.full(rays.n_rays, number, np.int64)))
+        labels[number] = label
+    return Drawing(rays=DrawnRays.join(parts), labels=labels)
+
+
+def _draw(ray_map: RayMap, criterion: Any, limit: int, cancel: Cancel | None) -> DrawnRays:
+    found = select(ray_map, criterion, limit=limit, cancel=cancel)
+    parts = list(found.parts())
+    if found.matched == limit and len(parts) == 1:
+        # The first numbers of a portion may belong to one source: choose among all of it
+        n_rays = ray_map.portions[parts[0][0]].n_rays
+        if n_rays > limit:
+            found = select(ray_map, criterion, limit=n_rays, cancel=cancel)
+            parts = list(found.parts())
+    return _read(ray_map, found, parts, limit, cancel)
+
+
+def _read(
+    ray_map: RayMap, found: Selection, parts: Any, limit: int, cancel: Cancel | None
+) -> DrawnRays:
+    """Read rays portion after portion until there are enough."""
+    drawn: list[DrawnRays] = []
+    left = limit
+    for index, rows in parts:
+        if left <= 0 or (cancel is not None and cancel()):
+            break
+        try:
+            ids = ray_map.portions[index].ray_ids()[rows]
+            part = read_rays(ray_map, index, rows[thin(ids, left)])
+        except DamagedPortion:
+            if ray_map.on_damage == "raise":
+                raise
+            continue
+        drawn.append(part)
+        left -= part.n_rays
+    return DrawnRays.join(drawn)
+
+
+def read_one(ray_map: RayMap, ray_id: int) -> DrawnRays:
+    """One ray by its number.
+
+    Raises
+    ------
+    RayNotFound
+    """
+    index, row = ray_map.find_ray(ray_id)
+    try:
+        return read_rays(ray_map, index, np.array([row], np.int64))
+    except IndexError as error:
+        raise RayMapError(f"ray {ray_id} cannot be read: {error}") from None
+
+
+def check_criterion(ray_map: RayMap, text: str) -> None:
+    """Refuse a criterion that cannot be read or does not fit the map.
+
+    Raises
+    ------
+    CriterionError
+    """
+    bind_all(ray_map, [text or None])
+
+
+def count_rays(
+    ray_map: RayMap,
+    text: str,
+    *,
+    cancel: Cancel | None = None,
+    progress: Callable[[Any], None] | None = None,
+) -> Selection:
+    """How many rays satisfy a criterion, and their flux."""
+    return select(ray_map, text or None, rays=False, cancel=cancel, progress=progress)
+
+
+def path_table(
+    ray_map: RayMap, text: str, *, by: str, top: int, cancel: Cancel | None = None
+) -> list[dict[str, Any]]:
+    """The strongest paths of a selection; the remainder is the last row, if there is any."""
+    rows = query_table(ray_map, text or None, by=by, cancel=cancel).to_json(top)
+    return [row for row in rows if row["rays"] > 0]
+
+
+def path_labels(ray_map: RayMap, paths: NDArray[np.int64], most: int = 12) -> dict[int, str]:
+    """Itineraries of the commonest of the merged paths, by path number."""
+    if ray_map.merged is None or len(paths) == 0 or int(paths.min()) < 0:
+        return {}
+    different, counts = np.unique(paths, return_counts=True)
+    base, names = PathContext(ray_map.merged.paths), PathNames(ray_map.directory)
+    chosen = different[np.argsort(-counts, kind="stable")[:most]]
+    return {int(p): headline(path_text(base, int(p), names, "face")) for p in chosen}
+
+
+def path_of_ray(ray_map: RayMap, ray_id: int) -> str:
+    """A criterion that selects the rays that took the path of this one."""
+    index, row = ray_map.find_ray(ray_id)
+    portion = ray_map.portions[index]
+    number = int(portion.path_numbers()[row])
+    base, names = PathContext(portion.paths()), PathNames(ray_map.directory)
+    return str(exact_criterion(path_text(base, number, names, "face")))
+
+
+def ray_report(ray_map: RayMap, ray_id: int) -> dict[str, Any]:
+    """Everything recorded of one ray.
+
+    Raises
+    ------
+    RayNotFound
+    """
+    return report(ray_map, ray_id)
+
+
+def detector_image(
+    ray_map: RayMap, name: str, text: str, *, cancel: Cancel | None = None
+) -> NDArray[np.float64]:
+    """(cells_v, cells_u) flux that the rays of a selection brought to a detector."""
+    return query_image(ray_map, name, text or None, cancel=cancel).flux
+
+
+def ghost_matrix(
+    ray_map: RayMap, text: str, *, cancel: Cancel | None = None, most: int = 2000
+) -> tuple[list[str], list[str], NDArray[np.float64]] | None:
+    """Flux of the paths with exactly two reflections, by the faces that reflect first and second.
+
+    Returns
+    -------
+    first, second, flux : names of faces and the (n_first, n_second) matrix; None without such paths
+    """
+    table = query_table(ray_map, text or None, by="face", cancel=cancel).filter(reflections=2)
+    sums: dict[tuple[str, str], float] = {}
+    for row in table.rows(most):
+        pair = reflections(row.path) if row.criterion is not None else []
+        if len(pair) == 2:
+            key = (pair[0], pair[1])
+            sums[key] = sums.get(key, 0.0) + row.flux
+    if not sums:
+        return None
+    order = {name: number for number, name in enumerate(ray_map.directory.faces.names)}
+    first = sorted({pair[0] for pair in sums}, key=lambda name: order.get(name, -1))
+    second = sorted({pair[1] for pair in sums}, key=lambda name: order.get(name, -1))
+    matrix = np.zeros((len(first), len(second)))
+    for (one, two), flux in sums.items():
+        matrix[first.index(one), second.index(two)] = flux
+    return first, second, matrix
+
+
+def pair_criterion(first: str, second: str) -> str:
+    """Rays with two reflections, at these faces in this order."""
+    one, two = (f'hit("{_pattern(name)}", reflected)' for name in (first, second))
+    return f'count(hit("*", reflected)) == 2 & ({one} -> {two})'
+
+
+def _pattern(name: str) -> str:
+    """A full name of a face as a pattern that means only it."""
+    return ".".join(escape(part) for part in name.rsplit(".", 1)).replace('"', '\\"')

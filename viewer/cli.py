@@ -1,0 +1,165 @@
+"""The commands ``raymap picture`` and ``raymap view``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+__all__ = ["register"]
+
+Map = Annotated[Path, typer.Argument(help="A ray map, or a folder of them.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
+Strict = Annotated[bool, typer.Option("--strict", help="Fail at damage instead of skipping it.")]
+Rays = Annotated[int, typer.Option(min=1, help="Draw at most so many rays.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Hang the commands of this package on the application."""
+    app.command("picture")(picture)
+    app.command("view")(view)
+
+
+def picture(
+    map: Map,
+    criterion: Annotated[str | None, typer.Argument(help="Which rays; all if left out.")] = None,
+    out: Annotated[Path, typer.Option("--out", "-o", help="PNG file to write.")] = ...,  # type: ignore[assignment]
+    rays: Rays = 500,
+    color: Annotated[
+        str,
+        typer.Option(
+            help="natural, path, source, reflections, ending, flux, wavelength or optical_length."
+        ),
+    ] = "natural",
+    view: Annotated[str | None, typer.Option(help="side, top, front, back or tilted.")] = None,
+    width: Annotated[int, typer.Option(help="Width in pixels.")] = 1600,
+    height: Annotated[int, typer.Option(help="Height in pixels.")] = 900,
+    section: Annotated[
+        str | None,
+        typer.Option(help="Cut away: +x, -x, +y, -y, +z or -z, and optionally =PLACE, as in +x=5."),
+    ] = None,
+    after: Annotated[int, typer.Option(help="Draw rays from their n-th reflection on.")] = 0,
+    opacity: Annotated[float, typer.Option(min=0, max=1, help="Opacity of rays.")] = 0.5,
+    line_width: Annotated[float, typer.Option(min=0.1, help="Width of rays in pixels.")] = 1.0,
+    fade: Annotated[bool, typer.Option(help="Fade rays by their flux.")] = False,
+    hide: Annotated[
+        list[str] | None, typer.Option(help="Leave out an object; may be repeated.")
+    ] = None,
+    names: Annotated[bool, typer.Option(help="Write the names of objects.")] = False,
+    light: Annotated[bool, typer.Option("--light", help="Light background.")] = False,
+    session: Annotated[
+        Path | None, typer.Option(help="Take everything else from a saved session.")
+    ] = None,
+    json: Json = False,
+    strict: Strict = False,
+) -> None:
+    """Paint the scene with the rays that satisfy a criterion."""
+    from dataclasses import replace
+
+    from raymap.cli import emit_json, open_map, warn_of_damage
+    from viewer.picture import picture as paint
+    from viewer.state import Clip, ViewState, load_state
+
+    state = load_state(session) if session is not None else ViewState()
+    if session is None:
+        state = replace(
+            state,
+            opacity=opacity,
+            width=line_width,
+            fade=fade,
+            names=names,
+            dark=not light,
+            hidden=tuple(hide or ()),
+            clip=Clip(after=after),
+            section=parse_section(section),
+        )
+    text = criterion if criterion is not None else state.criterion
+    with open_map(map, strict) as ray_map:
+        known = len(ray_map.damage)
+        _check_names(ray_map, state.hidden)
+        pixels = paint(
+            ray_map,
+            text or None,
+            out=out,
+            rays=rays if session is None else state.rays,
+            color=color if session is None else None,
+            view=view,
+            size=(width, height),
+            state=state,
+        )
+        warn_of_damage(ray_map, known)
+        if json:
+            emit_json(
+                {
+                    "out": str(out),
+                    "width": pixels.shape[1],
+                    "height": pixels.shape[0],
+                    "damaged": len(ray_map.damage),
+                }
+            )
+            return
+    typer.echo(f"wrote {out} ({pixels.shape[1]} x {pixels.shape[0]} pixels)")
+
+
+def parse_section(text: str | None) -> Any:
+    """``+x=5``: take away what lies at x > 5.
+
+    Raises
+    ------
+    StateError
+    """
+    from viewer.state import Section, StateError
+
+    if text is None:
+        return Section()
+    side, _, place = text.replace(" ", "").partition("=")
+    try:
+        offset = float(place or 0)
+        sign = {"+": 1.0, "-": -1.0}[side[0]]
+        axis = "xyz".index(side[1:])
+    except (KeyError, ValueError, IndexError):
+        raise StateError(f"section {text!r}: write +x, -y=2.5 …: an axis, and where") from None
+    if len(side) != 2:
+        raise StateError(f"section {text!r}: write +x, -y=2.5 …: an axis, and where")
+    normal = [0.0, 0.0, 0.0]
+    normal[axis] = sign
+    return Section(on=True, normal=(normal[0], normal[1], normal[2]), offset=sign * offset)
+
+
+def _check_names(ray_map: Any, names: tuple[str, ...]) -> None:
+    """Refuse names of objects that the map does not have."""
+    from difflib import get_close_matches
+
+    from raymap.errors import UnknownName
+
+    known = [item.name for item in ray_map.directory.objects]
+    for name in names:
+        if name not in known:
+            near = get_close_matches(name, known, 3) or known[:5]
+            raise UnknownName(f"no object is called {name!r}; there are {', '.join(near)}")
+
+
+def view(
+    map: Map,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="0 takes a free one.")] = 0,
+    no_browser: Annotated[
+        bool, typer.Option("--no-browser", help="Only print the address.")
+    ] = False,
+    session: Annotated[Path | None, typer.Option(help="Open a saved session.")] = None,
+    criterion: Annotated[
+        str | None, typer.Option("--criterion", "-c", help="Begin with this criterion.")
+    ] = None,
+) -> None:
+    """Open the application in the browser: scene, rays, detectors, paths and reports."""
+    from dataclasses import replace
+
+    from raymap.cli import open_map
+    from viewer.server import serve
+    from viewer.state import ViewState, load_state
+
+    state = load_state(session) if session is not None else ViewState()
+    if criterion is not None:
+        state = replace(state, criterion=criterion)
+    with open_map(map) as ray_map:
+        serve(ray_map, state=state, port=port, browser=not no_browser)

@@ -1,0 +1,289 @@
+"""The questions that the panels ask, each answered as values for the page.
+
+Everything here may run in a worker thread; nothing touches the page.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raymap.errors import RayMapError
+from viewer.answers import (
+    count_rays,
+    detector_image,
+    draw_rays,
+    ghost_matrix,
+    join_criteria,
+    path_table,
+    ray_report,
+    read_one,
+)
+from viewer.itinerary import headline
+from viewer.panel_criterion import tree_fields
+from viewer.panel_detector import cross_sections, image_url, region_text, scale_fields
+from viewer.panel_paths import path_rows, sort_rows
+from viewer.panel_report import point_fields, report_fields
+from viewer.plots import heat_map
+from viewer.session import Session
+from viewer.tree import criterion_tree, tree_rows
+
+if TYPE_CHECKING:
+    from query.selection import Selection
+
+__all__ = ["GHOSTS", "Inquiry", "criterion_error"]
+
+Cancel = Callable[[], bool]
+Image = NDArray[np.float64]
+
+GHOSTS = 'count(hit("*", reflected)) >= 2 & !event(scattered)'
+"""What the table calls ghosts: at least two mirror-like reflections on the way."""
+
+TOP = 60
+"""Rows of the path table on the page."""
+
+
+def criterion_error(error: Exception) -> dict[str, str]:
+    """A message, and the line with carets below it if it has one."""
+    message, _, caret = str(error).partition("\n")
+    return {"message": message, "caret": caret}
+
+
+class Inquiry:
+    """Asks the questions of one session and remembers the last answers."""
+
+    def __init__(self, session: Session) -> None:
+        self.session = session
+        self.found: Selection | None = None
+        self.table: list[dict[str, Any]] = []
+        self.ghost_names: tuple[list[str], list[str]] = ([], [])
+        self.report: dict[str, Any] | None = None
+        self.images: tuple[Image, Image | None] | None = None
+        self.place: tuple[int, int] | None = None
+        self._full: tuple[object, Image] | None = None
+
+    # -- criterion -----------------------------------------------------------------------------
+
+    def whole_criterion(self) -> str:
+        """The criterion with the region that was drawn on the detector."""
+        state = self.session.state
+        if state.region is None:
+            return state.criterion
+        return join_criteria(state.criterion, self.region_criterion())
+
+    def region_criterion(self) -> str:
+        """The drawn region as a criterion."""
+        state = self.session.state
+        assert state.region is not None
+        return region_text(self.detector_name() or "", state.region)
+
+    def answer(self, cancel: Cancel, progress: Callable[[Any], None]) -> dict[str, Any]:
+        """How many rays satisfy the criterion, and their flux."""
+        text = self.whole_criterion()
+        found = count_rays(self.session.map, text, cancel=cancel, progress=progress)
+        self.found = found
+        unit = self.session.map.directory.flux_unit
+        if found.matched:
+            flux = f"{found.flux:.4g} ± {found.flux_se:.1g} {unit}"
+        elif found.flux_bound_95 is not None:
+            flux = f"flux below {found.flux_bound_95:.2g} {unit} (95 %)"
+        else:
+            flux = ""
+        share = f" ({100 * found.matched / found.rays:.3g} %)" if found.rays else ""
+        return {
+            "answer_text": f"{found.matched:,} of {found.rays:,} rays{share}",
+            "answer_flux": f"{flux} · {found.seconds:.2g} s",
+            "answer_title": found.reason or "",
+        }
+
+    def tree(self, cancel: Cancel) -> list[dict[str, Any]]:
+        """The criterion as a tree with the number of rays of each node."""
+        rows = tree_rows(criterion_tree(self.session.state.criterion))
+        counts: dict[str, str] = {}
+        for row in rows:
+            if cancel():
+                break
+            try:
+                found = count_rays(self.session.map, row.text, cancel=cancel)
+                counts[row.text] = f"{found.matched:,}"
+            except RayMapError:
+                counts[row.text] = ""
+        return tree_fields(rows, counts)
+
+    def plain_tree(self) -> list[dict[str, Any]]:
+        """The criterion as a tree, not yet counted."""
+        return tree_fields(tree_rows(criterion_tree(self.session.state.criterion)), {})
+
+    # -- rays ----------------------------------------------------------------------------------
+
+    def draw(self, cancel: Cancel) -> dict[str, Any]:
+        """Read the rays to draw."""
+        session = self.session
+        state = session.state
+        labels = {str(row["criterion"]): headline(str(row["path"])) for row in self.table}
+        paths = [(text, labels.get(text, text)) for text in state.paths]
+        drawing = draw_rays(
+            session.map, self.whole_criterion(), state.rays, paths=paths, cancel=cancel
+        )
+        if cancel():
+            return {}
+        session.drawing = drawing
+        return self.drawn()
+
+    def drawn(self) -> dict[str, Any]:
+        """What the 3D panel says of the rays."""
+        session = self.session
+        count, segments = session.drawing.rays.n_rays, len(session.shown().lines)
+        return {
+            "drawn_text": f"{count:,} rays, {segments:,} segments drawn",
+            "legend": session.legend(),
+        }
+
+    # -- paths ---------------------------------------------------------------------------------
+
+    def paths(self, by: str, ghosts: bool, sort: str, cancel: Cancel) -> dict[str, Any]:
+        """The path table of the selection."""
+        text = self.whole_criterion()
+        if ghosts:
+            text = join_criteria(text, GHOSTS)
+        self.table = path_table(self.session.map, text, by=by, top=TOP, cancel=cancel)
+        if cancel():
+            return {}
+        return self.sorted_paths(sort)
+
+    def sorted_paths(self, sort: str) -> dict[str, Any]:
+        """The table in an order, with the checked paths marked."""
+        unit = self.session.map.directory.flux_unit
+        rows = path_rows(sort_rows(self.table, sort), self.session.state.paths, unit)
+        count = sum(1 for row in rows if row["criterion"])
+        return {
+            "path_table": rows,
+            "paths_note": f"{count} paths" if count else "",
+            "paths_message": "" if rows else "No ray of the selection takes any path.",
+            "checked_paths": list(self.session.state.paths),
+        }
+
+    def ghosts(self, cancel: Cancel) -> dict[str, Any]:
+        """The matrix of pairs of reflecting faces in the selection."""
+        found = ghost_matrix(self.session.map, self.whole_criterion(), cancel=cancel)
+        if found is None or cancel():
+            return {"ghost_matrix": ""}
+        rows, columns, values = found
+        self.ghost_names = (rows, columns)
+        unit = self.session.map.directory.flux_unit
+        return {"ghost_matrix": heat_map(rows, columns, values, unit=unit)}
+
+    # -- detector ------------------------------------------------------------------------------
+
+    def detector_name(self) -> str | None:
+        """The detector that is shown."""
+        names = [entry.name for entry in self.session.map.directory.detectors]
+        chosen = self.session.state.detector
+        if chosen in names:
+            return chosen
+        return names[0] if names else None
+
+    def look_at_detector(self, cancel: Cancel) -> dict[str, Any]:
+        """Images of the selected rays and of all rays."""
+        session = self.session
+        name = self.detector_name()
+        if name is None:
+            return {"detector_cells": None}
+        # The drawn region filters the selection, but its picture shows the whole detector
+        selected = detector_image(session.map, name, self.whole_criterion(), cancel=cancel)
+        key = (name, session.map.rays)
+        if self._full is None or self._full[0] != key:
+            self._full = (key, detector_image(session.map, name, "", cancel=cancel))
+        if cancel():
+            return {}
+        self.images = (selected, self._full[1])
+        return self.detector_fields()
+
+    def detector_fields(self) -> dict[str, Any]:
+        """The images with the chosen colours, scales and sections."""
+        state, directory = self.session.state, self.session.map.directory
+        name = self.detector_name()
+        if name is None or self.images is None:
+            return {"detector_cells": None}
+        selected, full = self.images
+        detector = next(entry for entry in directory.detectors if entry.name == name)
+        shown = selected if state.image != "full" or full is None else full
+        top = float(shown.max()) if shown.size else 0.0
+        top_full = float(full.max()) if full is not None and full.size else 0.0
+        options: dict[str, Any] = {"log": state.log_scale, "colormap": state.colormap}
+        place = self.place
+        if place is None:
+            peak = np.unravel_index(int(np.argmax(shown)), shown.shape)
+            place = (int(peak[1]), int(peak[0]))
+        unit = directory.flux_unit
+        size = detector.size
+        note = "" if top > 0 else "No ray of the selection reaches this detector."
+        if top_full <= 0:
+            note = "No ray of the map reaches this detector."
+        facts = [
+            ["Selected", f"{float(selected.sum()):.5g} {unit}"],
+            ["All rays", f"{float(full.sum()) if full is not None else 0:.5g} {unit}"],
+            ["Peak cell", f"{top:.4g} {unit}"],
+            ["Cells", f"{detector.cells[0]} × {detector.cells[1]}"],
+            ["Size", f"{size[0]:g} × {size[1]:g} {directory.length_unit}"],
+            ["Cell", f"({place[0]}, {place[1]}): {float(selected[place[1], place[0]]):.4g} {unit}"],
+        ]
+        scales = scale_fields(shown, top, unit=unit, **options)
+        return {
+            "detector_cells": list(detector.cells),
+            "image_selected": image_url(selected, highest=float(selected.max()), **options),
+            "image_full": image_url(full, highest=top_full, **options) if full is not None else "",
+            "detector_note": note,
+            "detector_facts": facts,
+            "detector_sections": cross_sections(selected, full, place, log=state.log_scale)
+            if top_full > 0
+            else "",
+            **scales,
+        }
+
+    def section_fields(self) -> dict[str, Any]:
+        """Cross sections and facts alone, for a mouse that moves over the image."""
+        fields = self.detector_fields()
+        return {name: fields[name] for name in ("detector_sections", "detector_facts")}
+
+    # -- report --------------------------------------------------------------------------------
+
+    def read_report(self, ray_id: int) -> dict[str, Any]:
+        """The report of one ray.
+
+        Raises
+        ------
+        RayNotFound
+        """
+        self.report = ray_report(self.session.map, ray_id)
+        self.session.chosen = read_one(self.session.map, ray_id)
+        unit = self.session.map.directory.length_unit
+        return {"report": report_fields(self.report, unit), "ray_text": str(ray_id)}
+
+    def point_fields(self) -> dict[str, Any]:
+        """The chosen point of the report."""
+        point = self.session.state.point
+        if self.report is None or point is None:
+            return {"report_point": None, "point": point}
+        ray_map = self.session.map
+        index, _ = ray_map.find_ray(int(self.report["ray_id"]))
+        channels = ray_map.channel_sets[ray_map.portions[index].channel_set]
+        spectral = channels.wavelengths_nm if channels.kind == "spectral" else None
+        labels = [label.removesuffix(" nm") for label in channels.labels]
+        fields = point_fields(self.report, point, ray_map.directory.length_unit, labels, spectral)
+        return {"report_point": fields, "point": point if fields is not None else None}
+
+    def neighbour(self, step: int) -> int | None:
+        """The next or previous drawn ray of the selection."""
+        ids = np.sort(self.session.drawing.rays.ray_ids)
+        if len(ids) == 0:
+            return None
+        current = self.session.state.ray
+        if current is None:
+            return int(ids[0] if step > 0 else ids[-1])
+        place = int(np.searchsorted(ids, current, "right" if step > 0 else "left"))
+        place = place if step > 0 else place - 1
+        return int(ids[place % len(ids)])

@@ -1,0 +1,77 @@
+"""Paths in words: a short headline of a long itinerary, and its reflections."""
+
+from __future__ import annotations
+
+import re
+
+__all__ = ["headline", "reflections"]
+
+_MIRRORED = ("specular_reflection", "tir")
+_REFLECTED = (*_MIRRORED, "diffuse_reflection", "glossy_reflection")
+_MARKS = {"tir": " (total)", "diffuse_reflection": " (diffuse)", "glossy_reflection": " (glossy)"}
+_ENDINGS = {
+    "surface_absorption": "absorbed",
+    "volume_absorption": "absorbed inside",
+    "left": "left",
+    "depth_limit": "stopped",
+    "roulette_kill": "stopped",
+    "geometry_error": "geometry error",
+}
+
+
+def _points(path: str) -> list[tuple[str, list[str]]]:
+    """(name, event words) of each point; a detector has the name "@…" and no events."""
+    found = []
+    for word in re.split(r"(?<!\\) ", path):
+        name, _, events = _split(word)
+        found.append((re.sub(r"\\(.)", r"\1", name), [e for e in events.split(",") if e]))
+    return found
+
+
+def _split(word: str) -> tuple[str, str, str]:
+    """Name and events at the first colon that is not escaped."""
+    place = re.search(r"(?<!\\):", word)
+    if place is None:
+        return word, "", ""
+    return word[: place.start()], ":", word[place.end() :]
+
+
+def reflections(path: str) -> list[str]:
+    """Names of the faces (or objects) where the light was reflected, in order."""
+    return [name for name, events in _points(path) if set(events) & set(_REFLECTED)]
+
+
+def headline(path: str) -> str:
+    """What distinguishes a path: where it was reflected or scattered, and where it ended.
+
+    >>> headline("lamp:emitted L1.front:refracted @eye eye.front:surface_absorption")
+    'straight to eye'
+    """
+    points = _points(path)
+    turns = []
+    for name, events in points[1:]:
+        for event in events:
+            if event in _REFLECTED:
+                turns.append(f"{name or 'medium'} ↩{_MARKS.get(event, '')}")
+            elif event == "diffuse_transmission":
+                turns.append(f"{name} (diffuse)")
+            elif event == "volume_scatter":
+                turns.append("scattered")
+    # A run of equal turns is counted
+    short: list[str] = []
+    for turn in turns:
+        if short and short[-1].split(" ×")[0] == turn:
+            head, _, count = short[-1].partition(" ×")
+            short[-1] = f"{head} ×{int(count or 1) + 1}"
+        else:
+            short.append(turn)
+    name, events = points[-1]
+    ending = next((_ENDINGS[event] for event in events if event in _ENDINGS), "")
+    seen = points[-2][0][1:] if len(points) > 1 and points[-2][0].startswith("@") else ""
+    if seen:
+        end = seen
+    elif ending == "left":
+        end = "out of the scene"
+    else:
+        end = f"{name or 'medium'}{ending and ', ' + ending}"
+    return f"{' '.join(short)} → {end}" if short else f"straight to {end}"

@@ -1,0 +1,104 @@
+"""The detector panel: pictures of what a detector registered, cross sections, drawn regions."""
+
+from __future__ import annotations
+
+import base64
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from viewer.falsecolor import apply_colormap, encode_srgb
+from viewer.picture import encode_png
+from viewer.plots import profile
+from viewer.state import Region
+from viewer.templates import template
+
+__all__ = ["PANEL", "cross_sections", "image_url", "region_text", "scale_fields"]
+
+PANEL = template("detector")
+
+
+def image_url(
+    values: NDArray[np.floating],
+    *,
+    log: bool,
+    colormap: str,
+    highest: float,
+    colors: NDArray[np.floating] | None = None,
+) -> str:
+    """A detector's cells as a picture for the page, row 0 at the bottom.
+
+    Parameters
+    ----------
+    values : (cells_v, cells_u) flux per cell
+    highest : value of the brightest colour
+    colors : (cells_v, cells_u, 3) linear sRGB of the light, for natural colours instead of false
+    """
+    if colors is not None:
+        top = float(colors.max()) or 1.0
+        pixels = np.rint(encode_srgb(colors / top) * 255).astype(np.uint8)
+    else:
+        pixels = apply_colormap(_scaled(values, log=log, highest=highest), colormap)
+    png = encode_png(np.ascontiguousarray(pixels[::-1]))
+    return "data:image/png;base64," + base64.b64encode(png).decode()
+
+
+def lowest_shown(values: NDArray[np.floating], highest: float) -> float:
+    """Lower end of a logarithmic scale: the smallest value, but at most five decades down."""
+    positive = values[values > 0]
+    low = float(positive.min()) if len(positive) else highest
+    return max(low * 0.7, highest * 1e-5)
+
+
+def _scaled(values: NDArray[np.floating], *, log: bool, highest: float) -> NDArray[np.float64]:
+    """Values as places on the scale, 0 … 1."""
+    if not highest > 0:
+        return np.zeros(values.shape)
+    if not log:
+        return np.asarray(values / highest, np.float64)
+    low = lowest_shown(values, highest)
+    span = np.log(highest / low) or 1.0
+    return np.asarray(np.clip(np.log(np.maximum(values, low * 1e-3) / low) / span, 0, 1))
+
+
+def scale_fields(
+    values: NDArray[np.floating], highest: float, *, log: bool, colormap: str, unit: str
+) -> dict[str, str]:
+    """Ends and colours of the scale below the pictures."""
+    steps = apply_colormap(np.linspace(0, 1, 12), colormap)
+    stops = ", ".join("#" + "".join(f"{int(part):02x}" for part in step) for step in steps)
+    low = lowest_shown(values, highest) if log and highest > 0 else 0.0
+    return {
+        "image_gradient": f"linear-gradient(to right, {stops})",
+        "image_low": f"{low:.3g}" if highest > 0 else "",
+        "image_high": f"{highest:.3g} {unit} per cell",
+    }
+
+
+def cross_sections(
+    selected: NDArray[np.floating],
+    full: NDArray[np.floating] | None,
+    place: tuple[int, int],
+    *,
+    log: bool,
+) -> str:
+    """Flux along the row and the column of a cell, as SVG."""
+    column, row = place
+    parts = []
+    across: Any = (row, slice(None))
+    along: Any = (slice(None), column)
+    for caption, cut in ((f"row {row}, across u", across), (f"column {column}, across v", along)):
+        curves: list[tuple[str, Any, str]] = []
+        if full is not None:
+            curves.append(("all", full[cut], "#7d8ca1"))
+        curves.append(("selected", selected[cut], "#56b4e9"))
+        parts.append(profile(curves, log=log, caption=caption))
+    return "".join(parts)
+
+
+def region_text(detector: str, region: Region) -> str:
+    """The region as part of a criterion, in cells with one decimal."""
+    numbers = ", ".join(f"{value:.1f}".removesuffix(".0") for value in region.values)
+    name = detector.replace('"', '\\"')
+    return f'detected("{name}", {region.shape}({numbers}))'

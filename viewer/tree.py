@@ -1,0 +1,198 @@
+"""A criterion as a tree to edit with the mouse; each edit gives the text of the new criterion.
+
+Nodes are addressed by the places on the way to them: () is the root, (0, 1) the second child of
+the first. The tree itself is the JSON form of criteria.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from query import from_json, parse
+from raymap.errors import CriterionError
+
+__all__ = [
+    "GROUPS",
+    "TreeRow",
+    "add_node",
+    "count_node",
+    "criterion_tree",
+    "make_atom",
+    "negate_node",
+    "remove_node",
+    "set_group",
+    "tree_rows",
+    "tree_text",
+]
+
+Tree = dict[str, Any]
+Place = tuple[int, ...]
+
+GROUPS: dict[str, str] = {"and": "all of", "or": "any of", "xor": "one of", "then": "in this order"}
+"""Words of the groups in the tree."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TreeRow:
+    """One line of the tree.
+
+    Attributes
+    ----------
+    place : of the node
+    label : what it says
+    kind : "group", "not", "count" or "atom"
+    operator : key of `GROUPS` for a group
+    text : the node as a criterion of its own
+    """
+
+    place: Place
+    label: str
+    kind: str
+    operator: str
+    text: str
+
+
+def criterion_tree(text: str) -> Tree | None:
+    """The tree of a criterion; None of an empty one.
+
+    Raises
+    ------
+    CriterionError
+    """
+    return parse(text).to_json() if text.strip() else None
+
+
+def tree_text(tree: Tree | None) -> str:
+    """The criterion of a tree."""
+    return "" if tree is None else str(from_json(tree))
+
+
+def _children(tree: Tree) -> list[Tree]:
+    if "of" in tree:
+        return [tree["of"]]
+    children: list[Tree] = tree.get("args", [])
+    return children
+
+
+def _node(tree: Tree, place: Sequence[int]) -> Tree:
+    for step in place:
+        children = _children(tree)
+        if not 0 <= step < len(children):
+            raise CriterionError("this part of the criterion is gone")
+        tree = children[step]
+    return tree
+
+
+def tree_rows(tree: Tree | None) -> list[TreeRow]:
+    """The tree line by line, parents before children."""
+    rows: list[TreeRow] = []
+
+    def visit(node: Tree, place: Place) -> None:
+        op = str(node["op"])
+        text = tree_text(node)
+        kind, label = "atom", text
+        if op in GROUPS:
+            kind, label = "group", GROUPS[op]
+        elif op == "not":
+            kind, label = "not", "not"
+        elif "of" in node:
+            unit = node.get("unit", "")
+            kind = "count"
+            label = f"{node['quantity']} {node['compare']} {node['value']:g}{unit and ' ' + unit}"
+        elif op == "last":
+            kind, label = "count", "ended where"
+        rows.append(
+            TreeRow(place=place, label=label, kind=kind, operator=op if kind == "group" else "",
+                    text=text)
+        )  # fmt: skip
+        if kind != "atom":
+            for number, child in enumerate(_children(node)):
+                visit(child, (*place, number))
+
+    if tree is not None:
+        visit(tree, ())
+    return rows
+
+
+def _put(tree: Tree, place: Place, node: Tree) -> Tree:
+    """The tree with another node at a place."""
+    if not place:
+        return node
+    tree = copy.deepcopy(tree)
+    parent = _node(tree, place[:-1])
+    if "of" in parent:
+        parent["of"] = node
+    else:
+        parent["args"][place[-1]] = node
+    return tree
+
+
+def add_node(tree: Tree | None, place: Place, atom: Tree, operator: str = "and") -> Tree:
+    """Add a condition to the group at a place; a single condition becomes a group with it."""
+    if tree is None:
+        return atom
+    node = _node(tree, place)
+    if node["op"] in GROUPS:
+        return _put(tree, place, {**node, "args": [*node["args"], atom]})
+    return _put(tree, place, {"op": operator, "args": [node, atom]})
+
+
+def remove_node(tree: Tree, place: Place) -> Tree | None:
+    """Take a node away; a group of one becomes that one, a ``not`` or count of nothing goes too."""
+    if not place:
+        return None
+    parent = _node(tree, place[:-1])
+    if parent["op"] not in GROUPS and parent["op"] != "all":
+        return remove_node(tree, place[:-1])
+    _node(tree, place)
+    left = [child for number, child in enumerate(parent["args"]) if number != place[-1]]
+    if not left:
+        return remove_node(tree, place[:-1])
+    return _put(tree, place[:-1], left[0] if len(left) == 1 else {**parent, "args": left})
+
+
+def negate_node(tree: Tree, place: Place) -> Tree:
+    """Put ``not`` before a node, or take it away."""
+    node = _node(tree, place)
+    if node["op"] == "not":
+        return _put(tree, place, node["args"][0])
+    return _put(tree, place, {"op": "not", "args": [node]})
+
+
+def set_group(tree: Tree, place: Place, operator: str) -> Tree:
+    """Change how a group joins its members."""
+    node = _node(tree, place)
+    if node["op"] not in GROUPS or operator not in GROUPS:
+        raise CriterionError(f"{operator!r} joins no conditions")
+    return _put(tree, place, {**node, "op": operator})
+
+
+def count_node(tree: Tree, place: Place, compare: str, value: int) -> Tree:
+    """Ask how often a node happens along the ray: ``count(node) >= 2``; again changes the bound."""
+    node = _node(tree, place)
+    inner = node["of"] if node.get("quantity") == "count" else node
+    return _put(
+        tree,
+        place,
+        {"op": "compare", "quantity": "count", "of": inner, "compare": compare, "value": value},
+    )
+
+
+def make_atom(kind: str, name: str = "*", event: str = "") -> Tree:
+    """A condition from what was chosen in lists.
+
+    Parameters
+    ----------
+    kind : "source", "hit", "event", "detected", "crossed" or "medium"
+    name : of a source, object, face, detector or medium
+    event : word of an event, for "hit" and "event"; empty for any
+    """
+    if kind == "event":
+        return {"op": "event", "events": [event or "reflected"]}
+    tree: Tree = {"op": kind, "names": [name]}
+    if kind == "hit" and event:
+        tree["events"] = [event]
+    return tree
