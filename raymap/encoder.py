@@ -11,7 +11,12 @@ from numpy.typing import NDArray
 from raymap.colors import runs_of_codes
 from raymap.dictionary import color_sums, find_paths, itineraries_of
 from raymap.directory import Directory
-from raymap.geometry import encode_normals, encode_positions
+from raymap.geometry import (
+    gather_coordinates,
+    normal_residuals,
+    position_residuals,
+    resolve_codes,
+)
 from raymap.itineraries import Itineraries, explicit_triangles
 from raymap.layout import PORTION, pack_chunk_header
 from raymap.meetings import compile_detectors, encode_meetings
@@ -138,11 +143,18 @@ class PortionEncoder:
                 streams.add(f"normal.{name}", portion.normal[:, axis], Scope.RECORD)
             return 0
         shapes = self.shapes
-        codes = np.empty(table.object.size, np.int32)
-        shape_codes(table.offsets, table.object, table.face, table.event, shapes.face_code, codes)
-        itinerary = RayShapes(path_numbers, table.offsets, rays.offsets, codes, portion.triangle)
-        return _add_positions(streams, portion, itinerary, shapes) | _add_normals(
-            streams, portion, itinerary, shapes
+        point_codes = np.empty(table.object.size, np.int32)
+        shape_codes(
+            table.offsets, table.object, table.face, table.event, shapes.face_code, point_codes
+        )
+        codes = np.empty(portion.n_records, np.int32)
+        resolve_codes(
+            RayShapes(path_numbers, table.offsets, rays.offsets, point_codes, portion.triangle),
+            shapes,
+            codes,
+        )
+        return _add_positions(streams, portion, codes, shapes) | _add_normals(
+            streams, portion, rays.offsets, codes, shapes
         )
 
     def _add_descriptors(self, streams: StreamSet, portion: Portion) -> int:
@@ -182,67 +194,85 @@ class PortionEncoder:
 
 
 def _add_positions(
-    streams: StreamSet, portion: Portion, rays: RayShapes, shapes: ShapeTable
+    streams: StreamSet, portion: Portion, codes: NDArray[np.int32], shapes: ShapeTable
 ) -> int:
     n = portion.n_records
-    raw = np.empty((3, 4, n), np.uint8)
-    residual = np.empty((4, n), np.uint8)
-    roots = np.empty(n, np.uint8)
-    counts = np.empty(8, np.int64)
     position = np.ascontiguousarray(portion.position)
+    bits = position.view(np.int32)
+    # One more row, into which the pass writes ahead before it knows whether the value counts
+    xs, ys, zs = np.empty((3, n + 1), np.int32)
+    solved = np.empty(n + 1, np.int32)
+    residual = np.empty(n, np.uint32)
+    roots = np.empty(n, np.uint8)
     faces, sphere = True, True
     while True:
-        encode_positions(
-            rays,
-            shapes,
-            faces,
-            sphere,
-            position,
-            position.view(np.uint32),
-            raw,
-            residual,
-            roots,
-            counts,
+        nx, ny, nz, k = gather_coordinates(
+            codes, shapes.axis, faces, sphere, bits, xs, ys, zs, solved
+        )
+        records = solved[:k]
+        position_residuals(
+            records, codes, shapes.solve, shapes.axis, position, bits, residual, roots
         )
         # Give up a kind of shape that saves less than a byte per coordinate
-        _, _, _, solved, face_bits, on_faces, sphere_bits, on_sphere = counts.tolist()
-        bad_faces = on_faces > 0 and face_bits > 24 * on_faces
-        bad_sphere = on_sphere > 0 and sphere_bits > 24 * on_sphere
+        bad_faces, bad_sphere = _far_off(codes, records, residual)
         if not bad_faces and not bad_sphere:
             break
         faces, sphere = faces and not bad_faces, sphere and not bad_sphere
-    for axis, name in enumerate("xyz"):
-        planes = raw[axis, :, : counts[axis]]
-        streams.add_planes(f"position.{name}", np.float32, planes, Scope.OTHER)
-    if solved:
-        streams.add_planes("position.residual", np.uint32, residual[:, :solved], Scope.OTHER)
-        streams.add("position.root", roots[:solved])
+    for name, values in (("x", xs[:nx]), ("y", ys[:ny]), ("z", zs[:nz])):
+        streams.add(f"position.{name}", values.view(np.float32))
+    if k:
+        streams.add("position.residual", residual[:k])
+        streams.add("position.root", roots[:k])
     chosen = Encoding(0)
-    if on_faces:
+    if k and faces:
         chosen |= Encoding.SOLVED_FACES
-    if on_sphere:
+    if k and sphere:
         chosen |= Encoding.SOLVED_SPHERE
     return int(chosen)
 
 
-def _add_normals(streams: StreamSet, portion: Portion, rays: RayShapes, shapes: ShapeTable) -> int:
-    planes = np.empty((3, 2, portion.n_records), np.uint8)
-    missed, plain = encode_normals(
-        rays,
+def _far_off(
+    codes: NDArray[np.int32], records: NDArray[np.int32], residual: NDArray[np.uint32]
+) -> tuple[bool, bool]:
+    """Whether most points are far off their faces, and most ends far off the bounding sphere."""
+    far = np.flatnonzero(residual[: len(records)] >= 2**24)
+    if len(far) == 0:
+        return False, False
+    on_sphere = codes[records] < 0
+    far_on_sphere = int(on_sphere[far].sum())
+    n_sphere = int(on_sphere.sum())
+    far_on_faces = len(far) - far_on_sphere
+    return 2 * far_on_faces > len(records) - n_sphere, 2 * far_on_sphere > n_sphere
+
+
+def _add_normals(
+    streams: StreamSet,
+    portion: Portion,
+    offsets: NDArray[np.int64],
+    codes: NDArray[np.int32],
+    shapes: ShapeTable,
+) -> int:
+    folded = np.empty((3, portion.n_records), np.uint16)
+    missed, plain = normal_residuals(
+        offsets,
+        codes,
+        portion.triangle,
         portion.source,
-        shapes,
+        shapes.gradient,
+        shapes.first_primitive,
+        shapes.face_start,
         np.zeros((len(portion.emitted), 3), np.int16),
         np.zeros((shapes.n_remembered, 3), np.int16),
         portion.position,
         portion.normal,
-        planes,
+        folded,
     )
     if missed > plain:
         for axis, name in enumerate("xyz"):
             streams.add(f"normal.{name}", portion.normal[:, axis], Scope.RECORD)
         return 0
     for axis, name in enumerate("xyz"):
-        streams.add_planes(f"normal.{name}", np.uint16, planes[axis], Scope.RECORD)
+        streams.add(f"normal.{name}", folded[axis], Scope.RECORD)
     return int(Encoding.NORMALS)
 
 

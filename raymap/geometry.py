@@ -15,63 +15,25 @@ from raymap.kernels import kernel
 from raymap.schema import NORMAL_SCALE
 from raymap.shapes import EMISSION, LEFT, MANY, RayShapes, ShapeTable
 
-__all__ = ["decode_normals", "decode_positions", "encode_normals", "encode_positions"]
+__all__ = [
+    "decode_normals",
+    "gather_coordinates",
+    "join_coordinates",
+    "normal_residuals",
+    "position_residuals",
+    "resolve_codes",
+    "solve_positions",
+]
 
 _SCALE = float(NORMAL_SCALE)
 _LARGEST = 3.4e38
+_NEAR = 256
 
 
 @kernel
-def _ordered(bits: np.uint32) -> np.uint32:
-    """Order-preserving code of a float32's bits, modulo 2^32 (its own inverse)."""
-    return np.uint32(bits ^ np.uint32(0x7FFFFFFF)) if bits >> np.uint32(31) else np.uint32(bits)
-
-
-@kernel
-def _zigzag(value: np.uint32) -> np.uint32:
-    """Small numbers of either sign to small numbers."""
-    sign = np.uint32(np.uint32(0) - np.uint32(value >> np.uint32(31)))
-    return np.uint32(np.uint32(value << np.uint32(1)) ^ sign)
-
-
-@kernel
-def _unzigzag(code: np.uint32) -> np.uint32:
-    sign = np.uint32(np.uint32(0) - np.uint32(code & np.uint32(1)))
-    return np.uint32(np.uint32(code >> np.uint32(1)) ^ sign)
-
-
-@kernel
-def _roots(q: NDArray[np.float64], u: float, v: float) -> tuple[float, float]:
-    """Both places where the quadric has the other two coordinates u and v."""
-    # Compute the coefficients of the quadratic equation
-    a = q[0]
-    b = (q[1] * u + q[2] * v) + q[3]
-    c = (((q[4] * u) * u + (q[5] * v) * v) + (q[6] * u) * v) + ((q[7] * u + q[8] * v) + q[9])
-    # Solve it without cancellation
-    if a == 0.0:
-        t0 = -c / b
-        t1 = t0
-    else:
-        discriminant = b * b - (4.0 * a) * c
-        root = math.sqrt(discriminant) if discriminant > 0.0 else 0.0
-        s = -0.5 * (b + root) if b >= 0.0 else -0.5 * (b - root)
-        t0 = s / a
-        t1 = c / s
-    # Take 0 for what no float32 can hold, NaN included
-    if not (-_LARGEST <= t0 <= _LARGEST):
-        t0 = 0.0
-    if not (-_LARGEST <= t1 <= _LARGEST):
-        t1 = 0.0
-    return t0, t1
-
-
-@kernel
-def _quadric_normal(q: NDArray[np.float64], x: float, y: float, z: float) -> tuple[int, int, int]:
-    """Normal x 32767 from the gradient."""
-    gx = ((2.0 * q[0]) * x + q[3] * y) + (q[4] * z + q[6])
-    gy = ((2.0 * q[1]) * y + q[3] * x) + (q[5] * z + q[7])
-    gz = ((2.0 * q[2]) * z + q[4] * x) + (q[5] * y + q[8])
-    return _scaled(gx, gy, gz)
+def _ordered(bits: np.int32) -> np.int32:
+    """Order-preserving integer of a float32's bits (its own inverse)."""
+    return np.int32(bits ^ ((bits >> 31) & 0x7FFFFFFF))
 
 
 @kernel
@@ -89,266 +51,311 @@ def _scaled(x: float, y: float, z: float) -> tuple[int, int, int]:
 
 
 @kernel
-def _quadric_of(
-    code: int,
-    triangle: int,
-    shapes: ShapeTable,
-    solve_faces: bool,
-    solve_sphere: bool,
-) -> int:
-    """Row of the quadric on which a point lies, -1 none."""
+def _root(solve: NDArray[np.float64], q: int, u: float, v: float, second: int) -> np.float32:
+    """One of the places where quadric q has the other two coordinates u and v."""
+    # Compute the coefficients of the quadratic equation
+    a = solve[q, 0]
+    b = (solve[q, 1] * u + solve[q, 2] * v) + solve[q, 3]
+    c = (((solve[q, 4] * u) * u + (solve[q, 5] * v) * v) + (solve[q, 6] * u) * v) + (
+        (solve[q, 7] * u + solve[q, 8] * v) + solve[q, 9]
+    )
+    # Solve it without cancellation, and with one division
+    discriminant = b * b - (4.0 * a) * c
+    root = math.sqrt(discriminant if discriminant > 0.0 else 0.0)
+    s = -0.5 * (b + (root if b >= 0.0 else -root))
+    above = c if second else s
+    below = s if second else a
+    if a == 0.0:
+        above = -c
+        below = b
+    t = above / below
+    # Take 0 for what no float32 can hold, NaN included
+    return np.float32(t if -_LARGEST <= t <= _LARGEST else 0.0)
+
+
+@kernel
+def resolve_codes(rays: RayShapes, shapes: ShapeTable, codes: NDArray[np.int32]) -> None:
+    """Shape code of each record; where its primitive has a quadric of its own, that one's row.
+
+    Parameters
+    ----------
+    codes : (n_records,) out
+    """
+    many = rays.triangles.size > 0 and shapes.primitive_quadric.size > 0
+    for ray in range(rays.numbers.size):
+        row = rays.path_offsets[rays.numbers[ray]] - rays.record_offsets[ray]
+        for i in range(rays.record_offsets[ray], rays.record_offsets[ray + 1]):
+            code = rays.codes[row + i]
+            if code <= MANY and many:
+                face = MANY - code
+                primitive = rays.triangles[i] - shapes.first_primitive[face]
+                q = shapes.primitive_quadric[shapes.face_start[face] + primitive]
+                if q >= 0:
+                    code = q
+            codes[i] = code
+
+
+@kernel
+def _solved_axis(code: int, axis: NDArray[np.int8], solve_faces: bool, solve_sphere: bool) -> int:
+    """Coordinate that is not stored for a record of this code, -1 none."""
     if code >= 0:
-        return code if solve_faces else -1
-    if code == LEFT:
-        return shapes.axis.size - 1 if solve_sphere else -1
-    if code <= MANY and solve_faces and shapes.primitive_quadric.size:
-        face = MANY - code
-        return int(
-            shapes.primitive_quadric[
-                shapes.face_start[face] + triangle - shapes.first_primitive[face]
-            ]
-        )
+        return int(axis[code]) if solve_faces else -1
+    if code == LEFT and solve_sphere:
+        return int(axis[axis.size - 1])
     return -1
 
 
 @kernel
-def encode_positions(
-    rays: RayShapes,
-    shapes: ShapeTable,
+def gather_coordinates(
+    codes: NDArray[np.int32],
+    axis: NDArray[np.int8],
     solve_faces: bool,
     solve_sphere: bool,
-    position: NDArray[np.float32],
-    bits: NDArray[np.uint32],
-    raw: NDArray[np.uint8],
-    residual: NDArray[np.uint8],
-    roots: NDArray[np.uint8],
-    counts: NDArray[np.int64],
-) -> None:
-    """Byte planes of the coordinates stored as they are, and of the residuals of those solved.
+    bits: NDArray[np.int32],
+    xs: NDArray[np.int32],
+    ys: NDArray[np.int32],
+    zs: NDArray[np.int32],
+    solved: NDArray[np.int32],
+) -> tuple[int, int, int, int]:
+    """Coordinates to be stored, axis by axis, and the records that have one to be solved for.
 
-    Parameters
-    ----------
-    position, bits : (n_records, 3), the same memory as float32 and as uint32
-    raw : (3, 4, n_records) out, planes of each coordinate, in record order, solved ones left out
-    residual : (4, n_records) out, planes of the zigzag of (stored - root) in float32 steps
-    roots : (n_records,) out, 1 where another root than the quadric's last time is meant
-    counts : (8,) out: stored x, y, z, solved, bits of face residuals, faces, of sphere, sphere
+    Returns
+    -------
+    n_x, n_y, n_z, n_solved : how much of ``xs``, ``ys``, ``zs`` and ``solved`` is filled
     """
-    sphere = shapes.axis.size - 1
-    last_root = np.zeros(shapes.axis.size, np.uint8)
-    stored = np.zeros(3, np.int64)
-    solved = 0
-    face_bits = 0
-    sphere_bits = 0
-    on_sphere = 0
-    value = np.empty(1, np.float32)
-    value_bits = value.view(np.uint32)
-    for ray in range(rays.numbers.size):
-        row = rays.path_offsets[rays.numbers[ray]] - rays.record_offsets[ray]
-        for i in range(rays.record_offsets[ray], rays.record_offsets[ray + 1]):
-            q = _quadric_of(
-                rays.codes[row + i], rays.triangles[i], shapes, solve_faces, solve_sphere
-            )
-            a = shapes.axis[q] if q >= 0 else -1
-            # Store the coordinates that are not solved for
-            for k in range(3):
-                if k != a:
-                    b = bits[i, k]
-                    n = stored[k]
-                    raw[k, 0, n] = np.uint8(b)
-                    raw[k, 1, n] = np.uint8(b >> np.uint32(8))
-                    raw[k, 2, n] = np.uint8(b >> np.uint32(16))
-                    raw[k, 3, n] = np.uint8(b >> np.uint32(24))
-                    stored[k] = n + 1
-            if a < 0:
-                continue
-            # Store the other one as its distance from the nearer root
-            u = np.float64(position[i, 1 if a == 0 else 0])
-            v = np.float64(position[i, 1 if a == 2 else 2])
-            t0, t1 = _roots(shapes.solve[q], u, v)
-            here = _ordered(bits[i, a])
-            value[0] = t0
-            r0 = _zigzag(np.uint32(here - _ordered(value_bits[0])))
-            value[0] = t1
-            r1 = _zigzag(np.uint32(here - _ordered(value_bits[0])))
-            root = np.uint8(1) if r1 < r0 else np.uint8(0)
-            r = r1 if r1 < r0 else r0
-            roots[solved] = root ^ last_root[q]
-            last_root[q] = root
-            residual[0, solved] = np.uint8(r)
-            residual[1, solved] = np.uint8(r >> np.uint32(8))
-            residual[2, solved] = np.uint8(r >> np.uint32(16))
-            residual[3, solved] = np.uint8(r >> np.uint32(24))
-            solved += 1
-            length = 0
-            while r:
-                length += 8
-                r = np.uint32(r >> np.uint32(8))
-            if q == sphere:
-                sphere_bits += length
-                on_sphere += 1
-            else:
-                face_bits += length
-    counts[0] = stored[0]
-    counts[1] = stored[1]
-    counts[2] = stored[2]
-    counts[3] = solved
-    counts[4] = face_bits
-    counts[5] = solved - on_sphere
-    counts[6] = sphere_bits
-    counts[7] = on_sphere
+    nx, ny, nz, n = 0, 0, 0, 0
+    for i in range(codes.size):
+        a = _solved_axis(codes[i], axis, solve_faces, solve_sphere)
+        xs[nx] = bits[i, 0]
+        ys[ny] = bits[i, 1]
+        zs[nz] = bits[i, 2]
+        solved[n] = i
+        nx += a != 0
+        ny += a != 1
+        nz += a != 2
+        n += a >= 0
+    return nx, ny, nz, n
 
 
 @kernel
-def decode_positions(
-    rays: RayShapes,
-    shapes: ShapeTable,
+def position_residuals(
+    solved: NDArray[np.int32],
+    codes: NDArray[np.int32],
+    solve: NDArray[np.float64],
+    axis: NDArray[np.int8],
+    position: NDArray[np.float32],
+    bits: NDArray[np.int32],
+    residual: NDArray[np.uint32],
+    roots: NDArray[np.uint8],
+) -> None:
+    """Solved coordinates as zigzag of (stored - root) in float32 steps.
+
+    Parameters
+    ----------
+    solved : (n,) records
+    residual, roots : (n,) out; the root is 0 or 1, exclusive or the quadric's last one
+    """
+    last_root = np.zeros(axis.size, np.uint8)
+    for k in range(solved.size):
+        i = solved[k]
+        q = codes[i] if codes[i] >= 0 else axis.size - 1
+        a = axis[q]
+        u = np.float64(position[i, 1 if a == 0 else 0])
+        v = np.float64(position[i, 1 if a == 2 else 2])
+        here = _ordered(bits[i, a])
+        last = last_root[q]
+        t = np.float32(_root(solve, q, u, v, last))
+        r = np.int32(here - _ordered(t.view(np.int32)))
+        code = np.uint32((r << 1) ^ (r >> 31))
+        roots[k] = 0
+        if code >= _NEAR:
+            # Try the other root where this one is far
+            t = np.float32(_root(solve, q, u, v, 1 - last))
+            r = np.int32(here - _ordered(t.view(np.int32)))
+            other = np.uint32((r << 1) ^ (r >> 31))
+            if other < code:
+                code = other
+                roots[k] = 1
+                last_root[q] = 1 - last
+        residual[k] = code
+
+
+@kernel
+def join_coordinates(
+    codes: NDArray[np.int32],
+    axis: NDArray[np.int8],
     solve_faces: bool,
     solve_sphere: bool,
-    xs: NDArray[np.uint32],
-    ys: NDArray[np.uint32],
-    zs: NDArray[np.uint32],
+    xs: NDArray[np.int32],
+    ys: NDArray[np.int32],
+    zs: NDArray[np.int32],
+    bits: NDArray[np.int32],
+    solved: NDArray[np.int32],
+) -> int:
+    """The inverse of `gather_coordinates`: number of records to solve, -1 if the columns misfit."""
+    nx, ny, nz, n = 0, 0, 0, 0
+    for i in range(codes.size):
+        a = _solved_axis(codes[i], axis, solve_faces, solve_sphere)
+        if a != 0:
+            if nx == xs.size:
+                return -1
+            bits[i, 0] = xs[nx]
+            nx += 1
+        if a != 1:
+            if ny == ys.size:
+                return -1
+            bits[i, 1] = ys[ny]
+            ny += 1
+        if a != 2:
+            if nz == zs.size:
+                return -1
+            bits[i, 2] = zs[nz]
+            nz += 1
+        if a >= 0:
+            solved[n] = i
+            n += 1
+    return n if nx == xs.size and ny == ys.size and nz == zs.size else -1
+
+
+@kernel
+def solve_positions(
+    solved: NDArray[np.int32],
+    codes: NDArray[np.int32],
+    solve: NDArray[np.float64],
+    axis: NDArray[np.int8],
     residual: NDArray[np.uint32],
     roots: NDArray[np.uint8],
     position: NDArray[np.float32],
-    bits: NDArray[np.uint32],
-) -> bool:
-    """The inverse of `encode_positions`; false where the streams do not fit the paths.
-
-    Parameters
-    ----------
-    triangles : (n_records,), or (0,) where no face needs it
-    position, bits : (n_records, 3) out, the same memory as float32 and as uint32
-    """
-    last_root = np.zeros(shapes.axis.size, np.uint8)
-    nx = 0
-    ny = 0
-    nz = 0
-    solved = 0
-    value = np.empty(1, np.float32)
-    value_bits = value.view(np.uint32)
-    has_triangles = rays.triangles.size > 0
-    for ray in range(rays.numbers.size):
-        row = rays.path_offsets[rays.numbers[ray]] - rays.record_offsets[ray]
-        for i in range(rays.record_offsets[ray], rays.record_offsets[ray + 1]):
-            q = _quadric_of(
-                rays.codes[row + i],
-                rays.triangles[i] if has_triangles else -1,
-                shapes,
-                solve_faces,
-                solve_sphere,
-            )
-            a = shapes.axis[q] if q >= 0 else -1
-            if a != 0:
-                if nx == xs.size:
-                    return False
-                bits[i, 0] = xs[nx]
-                nx += 1
-            if a != 1:
-                if ny == ys.size:
-                    return False
-                bits[i, 1] = ys[ny]
-                ny += 1
-            if a != 2:
-                if nz == zs.size:
-                    return False
-                bits[i, 2] = zs[nz]
-                nz += 1
-            if a < 0:
-                continue
-            # Solve for the coordinate left out
-            if solved == residual.size:
-                return False
-            u = np.float64(position[i, 1 if a == 0 else 0])
-            v = np.float64(position[i, 1 if a == 2 else 2])
-            t0, t1 = _roots(shapes.solve[q], u, v)
-            last_root[q] ^= roots[solved]
-            value[0] = t1 if last_root[q] else t0
-            here = np.uint32(_ordered(value_bits[0]) + _unzigzag(residual[solved]))
-            bits[i, a] = _ordered(here)
-            solved += 1
-    return nx == xs.size and ny == ys.size and nz == zs.size and solved == residual.size
+    bits: NDArray[np.int32],
+) -> None:
+    """The inverse of `position_residuals`: fill in the coordinates solved for."""
+    last_root = np.zeros(axis.size, np.uint8)
+    for k in range(solved.size):
+        i = solved[k]
+        q = codes[i] if codes[i] >= 0 else axis.size - 1
+        a = axis[q]
+        u = np.float64(position[i, 1 if a == 0 else 0])
+        v = np.float64(position[i, 1 if a == 2 else 2])
+        last_root[q] ^= roots[k] & 1
+        t = np.float32(_root(solve, q, u, v, last_root[q]))
+        code = np.int64(residual[k])
+        r = (code >> 1) ^ -(code & 1)
+        bits[i, a] = _ordered(np.int32(_ordered(t.view(np.int32)) + r))
 
 
 @kernel
-def _predicted(
+def _gradient(
+    g: NDArray[np.float64], q: int, position: NDArray[np.float32], i: int
+) -> tuple[int, int, int]:
+    """Normal of quadric q at the stored position."""
+    x = np.float64(position[i, 0])
+    y = np.float64(position[i, 1])
+    z = np.float64(position[i, 2])
+    return _scaled(
+        ((2.0 * g[q, 0]) * x + g[q, 3] * y) + (g[q, 4] * z + g[q, 6]),
+        ((2.0 * g[q, 1]) * y + g[q, 3] * x) + (g[q, 5] * z + g[q, 7]),
+        ((2.0 * g[q, 2]) * z + g[q, 4] * x) + (g[q, 5] * y + g[q, 8]),
+    )
+
+
+@kernel
+def _from_before(
     i: int,
     code: int,
-    triangle: int,
+    primitive: int,
     source: int,
-    shapes: ShapeTable,
     position: NDArray[np.float32],
     emission: NDArray[np.int16],
     remembered: NDArray[np.int16],
 ) -> tuple[int, int, int]:
-    """The normal that a record should have, from its shape or from normals met before."""
-    if code == EMISSION:
-        return int(emission[source, 0]), int(emission[source, 1]), int(emission[source, 2])
+    """Normal of a record without a quadric, as far as records before say it."""
     if code == LEFT:
+        # Take the direction of the last segment
         return _scaled(
             np.float64(position[i, 0]) - np.float64(position[i - 1, 0]),
             np.float64(position[i, 1]) - np.float64(position[i - 1, 1]),
             np.float64(position[i, 2]) - np.float64(position[i - 1, 2]),
         )
-    q = code
-    if code <= MANY:
-        face = MANY - code
-        primitive = shapes.face_start[face] + triangle - shapes.first_primitive[face]
-        q = shapes.primitive_quadric[primitive] if shapes.primitive_quadric.size else -1
-        if q < 0 and remembered.shape[0]:
-            return (
-                int(remembered[primitive, 0]),
-                int(remembered[primitive, 1]),
-                int(remembered[primitive, 2]),
-            )
-    if q < 0:
-        return 0, 0, 0
-    return _quadric_normal(
-        shapes.gradient[q],
-        np.float64(position[i, 0]),
-        np.float64(position[i, 1]),
-        np.float64(position[i, 2]),
-    )
+    if code == EMISSION:
+        return int(emission[source, 0]), int(emission[source, 1]), int(emission[source, 2])
+    if primitive >= 0:
+        return (
+            int(remembered[primitive, 0]),
+            int(remembered[primitive, 1]),
+            int(remembered[primitive, 2]),
+        )
+    return 0, 0, 0
+
+
+@kernel
+def _primitive_of(
+    code: int,
+    triangles: NDArray[np.int32],
+    i: int,
+    first_primitive: NDArray[np.int32],
+    face_start: NDArray[np.int64],
+    remembered: NDArray[np.int16],
+) -> int:
+    """Number of the primitive in the scene, -1 where its normals are not remembered."""
+    if code > MANY or remembered.shape[0] == 0:
+        return -1
+    face = MANY - code
+    return int(face_start[face] + triangles[i] - first_primitive[face])
 
 
 @kernel
 def _remember(
     i: int,
     code: int,
-    triangle: int,
+    primitive: int,
     source: int,
-    shapes: ShapeTable,
     normal: NDArray[np.int16],
     emission: NDArray[np.int16],
     remembered: NDArray[np.int16],
 ) -> None:
-    if code == EMISSION:
-        for k in range(3):
+    for k in range(3):
+        if code == EMISSION:
             emission[source, k] = normal[i, k]
-    elif code <= MANY and remembered.shape[0]:
-        face = MANY - code
-        primitive = shapes.face_start[face] + triangle - shapes.first_primitive[face]
-        for k in range(3):
+        elif primitive >= 0:
             remembered[primitive, k] = normal[i, k]
 
 
 @kernel
-def encode_normals(
-    rays: RayShapes,
+def _fold(value: np.int16, predicted: int) -> np.uint16:
+    """Zigzag of the difference modulo 2^16."""
+    r = np.int16(value - predicted)
+    return np.uint16((r << 1) ^ (r >> 15))
+
+
+@kernel
+def _unfold(folded: np.uint16, predicted: int) -> np.int16:
+    """The inverse of `_fold`."""
+    r = np.int64(folded)
+    return np.int16(predicted + ((r >> 1) ^ -(r & 1)))
+
+
+@kernel
+def normal_residuals(
+    record_offsets: NDArray[np.int64],
+    codes: NDArray[np.int32],
+    triangles: NDArray[np.int32],
     sources: NDArray[np.int16],
-    shapes: ShapeTable,
+    gradient: NDArray[np.float64],
+    first_primitive: NDArray[np.int32],
+    face_start: NDArray[np.int64],
     emission: NDArray[np.int16],
     remembered: NDArray[np.int16],
     position: NDArray[np.float32],
     normal: NDArray[np.int16],
-    planes: NDArray[np.uint8],
+    folded: NDArray[np.uint16],
 ) -> tuple[int, int]:
-    """Byte planes of the zigzag of (stored - predicted) modulo 2^16.
+    """Zigzag of (stored - predicted) modulo 2^16.
 
     Parameters
     ----------
+    codes : (n_records,) resolved
     emission : (n_sources, 3) zeros; remembered : (n_remembered, 3) zeros
-    planes : (3, 2, n_records) out
+    folded : (3, n_records) out
 
     Returns
     -------
@@ -356,48 +363,39 @@ def encode_normals(
     """
     missed = 0
     plain = 0
-    for ray in range(rays.numbers.size):
-        row = rays.path_offsets[rays.numbers[ray]] - rays.record_offsets[ray]
-        source = sources[ray]
-        for i in range(rays.record_offsets[ray], rays.record_offsets[ray + 1]):
-            code = rays.codes[row + i]
-            p = _predicted(
-                i,
-                code,
-                rays.triangles[i],
-                source,
-                shapes,
-                position,
-                emission,
-                remembered,
-            )
-            for k in range(3):
-                r = np.uint16(np.uint16(normal[i, k]) - np.uint16(p[k]))
-                sign = np.uint16(np.uint16(0) - np.uint16(r >> np.uint16(15)))
-                z = np.uint16(np.uint16(r << np.uint16(1)) ^ sign)
-                planes[k, 0, i] = np.uint8(z)
-                planes[k, 1, i] = np.uint8(z >> np.uint16(8))
-                missed += z != 0
-                plain += normal[i, k] != 0
-            if code < 0:
-                _remember(
-                    i,
-                    code,
-                    rays.triangles[i],
-                    source,
-                    shapes,
-                    normal,
-                    emission,
-                    remembered,
+    for ray in range(sources.size):
+        for i in range(record_offsets[ray], record_offsets[ray + 1]):
+            code = codes[i]
+            if code >= 0:
+                px, py, pz = _gradient(gradient, code, position, i)
+            else:
+                primitive = _primitive_of(
+                    code, triangles, i, first_primitive, face_start, remembered
                 )
+                px, py, pz = _from_before(
+                    i, code, primitive, sources[ray], position, emission, remembered
+                )
+                _remember(i, code, primitive, sources[ray], normal, emission, remembered)
+            x = _fold(normal[i, 0], px)
+            y = _fold(normal[i, 1], py)
+            z = _fold(normal[i, 2], pz)
+            folded[0, i] = x
+            folded[1, i] = y
+            folded[2, i] = z
+            missed += (x != 0) + (y != 0) + (z != 0)
+            plain += (normal[i, 0] != 0) + (normal[i, 1] != 0) + (normal[i, 2] != 0)
     return missed, plain
 
 
 @kernel
 def decode_normals(
-    rays: RayShapes,
+    record_offsets: NDArray[np.int64],
+    codes: NDArray[np.int32],
+    triangles: NDArray[np.int32],
     sources: NDArray[np.int16],
-    shapes: ShapeTable,
+    gradient: NDArray[np.float64],
+    first_primitive: NDArray[np.int32],
+    face_start: NDArray[np.int64],
     emission: NDArray[np.int16],
     remembered: NDArray[np.int16],
     position: NDArray[np.float32],
@@ -406,37 +404,22 @@ def decode_normals(
     z: NDArray[np.uint16],
     normal: NDArray[np.int16],
 ) -> None:
-    """The inverse of `encode_normals`."""
-    has_triangles = rays.triangles.size > 0
-    for ray in range(rays.numbers.size):
-        row = rays.path_offsets[rays.numbers[ray]] - rays.record_offsets[ray]
-        source = sources[ray]
-        for i in range(rays.record_offsets[ray], rays.record_offsets[ray + 1]):
-            code = rays.codes[row + i]
-            triangle = rays.triangles[i] if has_triangles else -1
-            p = _predicted(
-                i,
-                code,
-                triangle,
-                source,
-                shapes,
-                position,
-                emission,
-                remembered,
-            )
-            for k in range(3):
-                code_k = x[i] if k == 0 else (y[i] if k == 1 else z[i])
-                sign = np.uint16(np.uint16(0) - np.uint16(code_k & np.uint16(1)))
-                r = np.uint16(np.uint16(code_k >> np.uint16(1)) ^ sign)
-                normal[i, k] = np.int16(np.uint16(np.uint16(p[k]) + r))
-            if code < 0:
-                _remember(
-                    i,
-                    code,
-                    triangle,
-                    source,
-                    shapes,
-                    normal,
-                    emission,
-                    remembered,
+    """The inverse of `normal_residuals`; triangles may be (0,) where no code needs them."""
+    for ray in range(sources.size):
+        for i in range(record_offsets[ray], record_offsets[ray + 1]):
+            code = codes[i]
+            primitive = -1
+            if code >= 0:
+                px, py, pz = _gradient(gradient, code, position, i)
+            else:
+                primitive = _primitive_of(
+                    code, triangles, i, first_primitive, face_start, remembered
                 )
+                px, py, pz = _from_before(
+                    i, code, primitive, sources[ray], position, emission, remembered
+                )
+            normal[i, 0] = _unfold(x[i], px)
+            normal[i, 1] = _unfold(y[i], py)
+            normal[i, 2] = _unfold(z[i], pz)
+            if code < 0:
+                _remember(i, code, primitive, sources[ray], normal, emission, remembered)

@@ -20,7 +20,6 @@ from raymap.streams import Scope, decode_column
 
 if TYPE_CHECKING:
     from raymap.reader import RayMap
-    from raymap.shapes import RayShapes
 
 __all__ = ["StoredPortion"]
 
@@ -459,19 +458,30 @@ class StoredPortion:
             raise self._damaged("primitives do not fit the faces")
         return out
 
-    def _ray_shapes(self, needs_triangles: bool) -> RayShapes:
-        """Path numbers, offsets, shape codes and primitives, as the geometry's passes take them."""
+    def _shape_codes(
+        self, triangles: NDArray[np.int32] | None
+    ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int64]]:
+        """(shape codes, primitives or (0,) where no code needs them, record offsets)."""
+        from raymap.geometry import resolve_codes
         from raymap.shapes import MANY, RayShapes, shape_codes
 
         paths = self.paths()
-        codes = np.empty(paths.n_points, np.int32)
+        point_codes = np.empty(paths.n_points, np.int32)
         shapes = self._map.shapes
-        shape_codes(paths.offsets, paths.object, paths.face, paths.event, shapes.face_code, codes)
-        needs_triangles = needs_triangles and bool((codes <= MANY).any())
-        triangles = self._column_triangle() if needs_triangles else np.empty(0, np.int32)
-        return RayShapes(
-            self.path_numbers(), paths.offsets, self.record_offsets(), codes, triangles
+        shape_codes(
+            paths.offsets, paths.object, paths.face, paths.event, shapes.face_code, point_codes
         )
+        if triangles is None:
+            many = self.n_records and bool((point_codes <= MANY).any())
+            triangles = self._column_triangle() if many else np.empty(0, np.int32)
+        offsets = self.record_offsets()
+        codes = np.empty(self.n_records, np.int32)
+        resolve_codes(
+            RayShapes(self.path_numbers(), paths.offsets, offsets, point_codes, triangles),
+            shapes,
+            codes,
+        )
+        return codes, triangles, offsets
 
     def _column_position(self) -> NDArray[np.float32]:
         encodings = self._index.meta.encodings
@@ -482,28 +492,38 @@ class StoredPortion:
             for axis, name in enumerate("xyz"):
                 out[:, axis] = self._stream(f"position.{name}", self.n_records, np.float32)
             return out
-        from raymap.geometry import decode_positions
+        from raymap.geometry import join_coordinates, solve_positions
 
         shapes = self._map.shapes
-        sound = decode_positions(
-            self._ray_shapes(solve_faces and len(shapes.primitive_quadric) > 0),
-            shapes,
+        several = solve_faces and len(shapes.primitive_quadric) > 0
+        codes, _, _ = self._shape_codes(None if several else np.empty(0, np.int32))
+        x, y, z = (self._stream(f"position.{name}", None, np.float32) for name in "xyz")
+        bits = out.view(np.int32)
+        solved = np.empty(self.n_records, np.int32)
+        n = join_coordinates(
+            codes,
+            shapes.axis,
             solve_faces,
             solve_sphere,
-            self._coordinate("x"),
-            self._coordinate("y"),
-            self._coordinate("z"),
-            self._stream("position.residual", None, np.uint32),
-            self._stream("position.root", None, np.uint8),
-            out,
-            out.view(np.uint32),
+            x.view(np.int32),
+            y.view(np.int32),
+            z.view(np.int32),
+            bits,
+            solved,
         )
-        if not sound:
+        if n < 0:
             raise self._damaged("positions do not fit the paths")
+        solve_positions(
+            solved[:n],
+            codes,
+            shapes.solve,
+            shapes.axis,
+            self._stream("position.residual", n, np.uint32),
+            self._stream("position.root", n, np.uint8),
+            out,
+            bits,
+        )
         return out
-
-    def _coordinate(self, axis: str) -> NDArray[np.uint32]:
-        return self._stream(f"position.{axis}", None, np.float32).view(np.uint32)
 
     def _column_normal(self) -> NDArray[np.int16]:
         return self._normals(None)
@@ -519,10 +539,15 @@ class StoredPortion:
         from raymap.geometry import decode_normals
 
         shapes = self._map.shapes
+        codes, triangles, offsets = self._shape_codes(None)
         decode_normals(
-            self._ray_shapes(True),
+            offsets,
+            codes,
+            triangles,
             self._column_source(),
-            shapes,
+            shapes.gradient,
+            shapes.first_primitive,
+            shapes.face_start,
             np.zeros((len(self.emitted), 3), np.int16),
             np.zeros((shapes.n_remembered, 3), np.int16),
             self._column_position() if position is None else position,
