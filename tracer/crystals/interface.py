@@ -20,7 +20,16 @@ import numpy as np
 
 from raymap.kernels import kernel
 from tracer.crystals.modes import MODE, forward_modes, mirror_modes
-from tracer.crystals.rows import AXIS, EPS, EPS_EXTRAORDINARY, EPS_ORDINARY, ISOTROPIC, KIND
+from tracer.crystals.rows import (
+    AXIS,
+    BIAXIAL,
+    EPS,
+    EPS_EXTRAORDINARY,
+    EPS_ORDINARY,
+    ISOTROPIC,
+    KIND,
+    UNIAXIAL,
+)
 
 __all__ = [
     "WAVE",
@@ -105,30 +114,35 @@ def medium_modes(
     kind = int(medium[KIND])
     tensor = frame[3:5].reshape(6)
     cx = cy = cz = 0.0
-    if kind != ISOTROPIC:
-        # Turn tensor and axis into the frame
+    if kind == UNIAXIAL:
+        # Turn the axis into the frame; the tensor follows from it
+        ax, ay, az = medium[AXIS], medium[AXIS + 1], medium[AXIS + 2]
+        cx = frame[0, 0] * ax + frame[0, 1] * ay + frame[0, 2] * az
+        cy = frame[1, 0] * ax + frame[1, 1] * ay + frame[1, 2] * az
+        cz = sign * (frame[2, 0] * ax + frame[2, 1] * ay + frame[2, 2] * az)
+        eo = medium[EPS_ORDINARY]
+        de = medium[EPS_EXTRAORDINARY] - eo
+        tensor[0] = eo + de * cx * cx
+        tensor[1] = eo + de * cy * cy
+        tensor[2] = eo + de * cz * cz
+        tensor[3] = de * cx * cy
+        tensor[4] = de * cx * cz
+        tensor[5] = de * cy * cz
+    elif kind == BIAXIAL:
+        # Turn the tensor into the frame
         for i in range(3):
             x, y, z = frame[i, 0], frame[i, 1], frame[i, 2]
             frame[5, i] = medium[EPS] * x + medium[EPS + 3] * y + medium[EPS + 4] * z
             frame[6, i] = medium[EPS + 3] * x + medium[EPS + 1] * y + medium[EPS + 5] * z
             frame[7, i] = medium[EPS + 4] * x + medium[EPS + 5] * y + medium[EPS + 2] * z
-        for i in range(3):
-            tensor[i] = (
-                frame[i, 0] * frame[5, i] + frame[i, 1] * frame[6, i] + frame[i, 2] * frame[7, i]
+        for entry in range(6):
+            i = 0 if entry in (3, 4) else (1 if entry == 5 else entry)
+            j = 1 if entry == 3 else (2 if entry > 3 else entry)
+            tensor[entry] = (
+                frame[i, 0] * frame[5, j] + frame[i, 1] * frame[6, j] + frame[i, 2] * frame[7, j]
             )
-        tensor[3] = (
-            frame[0, 0] * frame[5, 1] + frame[0, 1] * frame[6, 1] + frame[0, 2] * frame[7, 1]
-        )
-        tensor[4] = sign * (
-            frame[0, 0] * frame[5, 2] + frame[0, 1] * frame[6, 2] + frame[0, 2] * frame[7, 2]
-        )
-        tensor[5] = sign * (
-            frame[1, 0] * frame[5, 2] + frame[1, 1] * frame[6, 2] + frame[1, 2] * frame[7, 2]
-        )
-        ax, ay, az = medium[AXIS], medium[AXIS + 1], medium[AXIS + 2]
-        cx = frame[0, 0] * ax + frame[0, 1] * ay + frame[0, 2] * az
-        cy = frame[1, 0] * ax + frame[1, 1] * ay + frame[1, 2] * az
-        cz = sign * (frame[2, 0] * ax + frame[2, 1] * ay + frame[2, 2] * az)
+        tensor[4] *= sign
+        tensor[5] *= sign
     forward_modes(
         kind,
         tensor,
@@ -227,18 +241,55 @@ def _store(
 
 
 @kernel
-def _join(out: Array, row: int) -> None:
-    """s and p of an isotropic medium are one ray."""
-    if out[row, 15] == 0.0:
-        return
-    size = math.sqrt(out[row, 0] ** 2 + out[row, 1] ** 2 + out[row, 2] ** 2)
-    for i in range(3):
-        out[row, 3 + i] = out[row, i] / size
-    for i in range(6, 13):
-        out[row, i] += out[row + 1, i]
+def _store_isotropic(
+    n2: float,
+    q: complex,
+    sign: float,
+    hy: complex,
+    ey: complex,
+    incident_flux: float,
+    frame: Array,
+    xi: float,
+    out: Array,
+    row: int,
+) -> None:
+    """The one ray of an isotropic medium with tangential fields H_y and E_y; q is its |q|."""
+    for i in range(WAVE):
+        out[row, i] = 0.0
         out[row + 1, i] = 0.0
-    out[row, 15] = 1.0
-    out[row + 1, 15] = 0.0
+    ex = sign * q / n2 * hy
+    ez = -xi / n2 * hy
+    n = math.sqrt(n2)
+    for i in range(3):
+        e = frame[0, i] * ex + frame[1, i] * ey + frame[2, i] * ez
+        big_n = xi * frame[0, i] + sign * q.real * frame[2, i]
+        out[row, i] = big_n
+        out[row, 3 + i] = big_n / n
+        out[row, 6 + i] = e.real
+        out[row, 9 + i] = e.imag
+    if q.imag == 0.0:
+        square_h = hy.real * hy.real + hy.imag * hy.imag
+        square_e = ey.real * ey.real + ey.imag * ey.imag
+        out[row, 12] = 2.0 * q.real * (square_h / n2 + square_e) / incident_flux
+        out[row, 15] = 1.0
+
+
+@kernel
+def _cramer(
+    a11: complex,
+    a12: complex,
+    a21: complex,
+    a22: complex,
+    b1: complex,
+    b2: complex,
+) -> tuple[complex, complex]:
+    """Solve a 2 x 2 system."""
+    determinant = a11 * a22 - a12 * a21
+    size = determinant.real * determinant.real + determinant.imag * determinant.imag
+    if size == 0.0:
+        return 0.0j, 0.0j
+    inverse = determinant.conjugate() * (1.0 / size)
+    return (b1 * a22 - b2 * a12) * inverse, (a11 * b2 - a21 * b1) * inverse
 
 
 @kernel
@@ -284,32 +335,96 @@ def interface_event(
     grazing = incident_flux < 0.3 * (size + (hx * hx.conjugate()).real)
     hint = q if grazing or medium_1[KIND] == ISOTROPIC else math.nan
 
-    # Waves that leave: forward into medium 2, backward into medium 1
-    medium_modes(medium_1, frame, xi, -1.0, hint, modes, 0, work, cwork[:, :, :4])
-    medium_modes(medium_2, frame, xi, 1.0, math.nan, modes, 2, work, cwork[:, :, :4])
-
-    # Match the tangential fields
-    matrix = cwork[1]
-    for i in range(4):
-        matrix[i, 0] = modes[2, i]
-        matrix[i, 1] = modes[3, i]
-        matrix[i, 2] = -modes[0, i]
-        matrix[i, 3] = -modes[1, i]
-    matrix[0, 4] = ex
-    matrix[1, 4] = hy
-    matrix[2, 4] = ey
-    matrix[3, 4] = -hx
-    _solve(matrix)
-
-    # Hand out fields, directions and shares
-    for j in range(2):
-        label = 2.0 + j
-        _store(modes, j, matrix[2 + j, 4], incident_flux, frame, xi, label, out, j)
-        _store(modes, 2 + j, matrix[j, 4], incident_flux, frame, xi, label, out, 2 + j)
     if medium_1[KIND] == ISOTROPIC:
-        _join(out, 0)
-    if medium_2[KIND] == ISOTROPIC:
-        _join(out, 2)
+        # Only the refracted waves are unknown: what they lack is an isotropic reflected wave
+        medium_modes(medium_2, frame, xi, 1.0, math.nan, modes, 2, work, cwork[:, :, :4])
+        n2 = medium_1[EPS_ORDINARY]
+        z = q / n2
+        t1, t2 = _cramer(
+            modes[2, 0] + z * modes[2, 1],
+            modes[3, 0] + z * modes[3, 1],
+            modes[2, 3] + q * modes[2, 2],
+            modes[3, 3] + q * modes[3, 2],
+            ex + z * hy,
+            q * ey - hx,
+        )
+        _store_isotropic(
+            n2,
+            complex(q, 0.0),
+            -1.0,
+            t1 * modes[2, 1] + t2 * modes[3, 1] - hy,
+            t1 * modes[2, 2] + t2 * modes[3, 2] - ey,
+            incident_flux,
+            frame,
+            xi,
+            out,
+            0,
+        )
+        if medium_2[KIND] == ISOTROPIC:
+            _store_isotropic(
+                medium_2[EPS_ORDINARY],
+                modes[2, 5],
+                1.0,
+                t1 * modes[2, 1] + t2 * modes[3, 1],
+                t1 * modes[2, 2] + t2 * modes[3, 2],
+                incident_flux,
+                frame,
+                xi,
+                out,
+                2,
+            )
+        else:
+            _store(modes, 2, t1, incident_flux, frame, xi, 2.0, out, 2)
+            _store(modes, 3, t2, incident_flux, frame, xi, 3.0, out, 3)
+    elif medium_2[KIND] == ISOTROPIC:
+        # Only the reflected waves are unknown: with the incident one they make an isotropic wave
+        medium_modes(medium_1, frame, xi, -1.0, hint, modes, 0, work, cwork[:, :, :4])
+        n2 = medium_2[EPS_ORDINARY]
+        square = n2 - xi * xi
+        root = math.sqrt(abs(square))
+        qt = complex(root, 0.0) if square >= 0.0 else complex(0.0, root)
+        zt = qt / n2
+        r1, r2 = _cramer(
+            modes[0, 0] - zt * modes[0, 1],
+            modes[1, 0] - zt * modes[1, 1],
+            modes[0, 3] - qt * modes[0, 2],
+            modes[1, 3] - qt * modes[1, 2],
+            zt * hy - ex,
+            qt * ey + hx,
+        )
+        _store(modes, 0, r1, incident_flux, frame, xi, 2.0, out, 0)
+        _store(modes, 1, r2, incident_flux, frame, xi, 3.0, out, 1)
+        _store_isotropic(
+            n2,
+            qt,
+            1.0,
+            hy + r1 * modes[0, 1] + r2 * modes[1, 1],
+            ey + r1 * modes[0, 2] + r2 * modes[1, 2],
+            incident_flux,
+            frame,
+            xi,
+            out,
+            2,
+        )
+    else:
+        # Match the tangential fields of all waves
+        medium_modes(medium_1, frame, xi, -1.0, hint, modes, 0, work, cwork[:, :, :4])
+        medium_modes(medium_2, frame, xi, 1.0, math.nan, modes, 2, work, cwork[:, :, :4])
+        matrix = cwork[1]
+        for i in range(4):
+            matrix[i, 0] = modes[2, i]
+            matrix[i, 1] = modes[3, i]
+            matrix[i, 2] = -modes[0, i]
+            matrix[i, 3] = -modes[1, i]
+        matrix[0, 4] = ex
+        matrix[1, 4] = hy
+        matrix[2, 4] = ey
+        matrix[3, 4] = -hx
+        _solve(matrix)
+        for j in range(2):
+            label = 2.0 + j
+            _store(modes, j, matrix[2 + j, 4], incident_flux, frame, xi, label, out, j)
+            _store(modes, 2 + j, matrix[j, 4], incident_flux, frame, xi, label, out, 2 + j)
 
     # At grazing incidence the products behind a flux are rounded to 1e-16 of the wave, not of its
     # flux through the interface; that rounding is spread over the shares

@@ -48,6 +48,21 @@ def _put(modes: Array, k: int, ex: complex, hy: complex, ey: complex, hx: comple
 
 
 @kernel
+def _put_real(modes: Array, k: int, xi: float, q: float, ex: float, ey: float, ez: float) -> None:
+    """Store a travelling wave from its field, |Psi| = 1."""
+    hy = q * ex - xi * ez
+    hx = -q * ey
+    scale = 1.0 / math.sqrt(ex * ex + hy * hy + ey * ey + hx * hx)
+    modes[k, 0] = ex * scale
+    modes[k, 1] = hy * scale
+    modes[k, 2] = ey * scale
+    modes[k, 3] = -hx * scale
+    modes[k, 4] = ez * scale
+    modes[k, 5] = q
+    modes[k, 6] = 1.0
+
+
+@kernel
 def complete_mode(modes: Array, k: int, frame: Array, xi: float) -> None:
     """E_z from the tangential field; ``frame`` holds e11, e22, e33, e12, e13, e23."""
     modes[k, 4] = -(frame[4] * modes[k, 0] + frame[5] * modes[k, 2] + xi * modes[k, 1]) / frame[2]
@@ -143,9 +158,7 @@ def _uniaxial(
         ex = -kz * ty
         ey = kz * tx - kx * tz
         ez = kx * ty
-        _put(modes, k, ex + 0.0j, q * ex - xi * ez + 0.0j, ey + 0.0j, -q * ey + 0.0j)
-        modes[k, 5] = q
-        modes[k, 6] = 1.0
+        _put_real(modes, k, xi, q, ex, ey, ez)
     else:
         qc = complex(0.0, math.sqrt(-square_o))
         cex = -qc * cy
@@ -163,9 +176,7 @@ def _uniaxial(
         ex = tx / eo + along * cx
         ey = ty / eo + along * cy
         ez = tz / eo + along * cz
-        _put(modes, k + 1, ex + 0.0j, q * ex - xi * ez + 0.0j, ey + 0.0j, -q * ey + 0.0j)
-        modes[k + 1, 5] = q
-        modes[k + 1, 6] = 1.0
+        _put_real(modes, k + 1, xi, q, ex, ey, ez)
     else:
         qc = complex(-b / a, math.sqrt(-square_e) / a)
         along_c = xi * cx + qc * cz
@@ -207,6 +218,18 @@ def orthogonalise_pair(modes: Array, k: int) -> None:
     second = modes[k + 1, 6].real > 0.5
     if not first and not second:
         return
+    if first and second:
+        flux = 2.0 * (modes[k, 0].real * modes[k, 1].real + modes[k, 2].real * modes[k, 3].real)
+        if flux > 1e-12:
+            shared = (
+                modes[k, 0].real * modes[k + 1, 1].real
+                + modes[k, 1].real * modes[k + 1, 0].real
+                + modes[k, 2].real * modes[k + 1, 3].real
+                + modes[k, 3].real * modes[k + 1, 2].real
+            ) / flux
+            for c in range(4):
+                modes[k + 1, c] = modes[k + 1, c].real - shared * modes[k, c].real
+        return
     i, j = (k, k + 1) if first else (k + 1, k)
     flux = _product(modes, i, i).real
     if flux <= 1e-12:
@@ -214,8 +237,6 @@ def orthogonalise_pair(modes: Array, k: int) -> None:
     common = _product(modes, i, j) / flux
     for c in range(4):
         modes[j, c] -= common * modes[i, c]
-    if first and second:
-        return
 
     # Take the evanescent wave's own flux away with its growing partner, the conjugate field
     own = _product(modes, j, j).real
