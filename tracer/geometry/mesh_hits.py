@@ -12,9 +12,6 @@ computed again in float64 on the triangle found. What rounding could spoil is de
   so media stay consistent at edges.
 - Where the exact ray passes just beside the triangle found, one of its neighbours is taken if the
   ray meets it; else the point is put on the rim of the triangle found.
-
-The helpers take arrays, not the tuple of all arrays: taking an array out of a tuple counts a
-reference, which costs as much as an intersection.
 """
 
 from __future__ import annotations
@@ -25,10 +22,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.kernels import kernel
+from raymap.kernels import lean_kernel
 from tracer.geometry.embree import INVALID, RAYHIT_WORDS, intersect
 
-__all__ = ["MeshArrays", "mesh_normal", "mesh_shading_normal", "nearest_on_meshes"]
+__all__ = [
+    "MeshArrays",
+    "MeshScratch",
+    "mesh_normal",
+    "mesh_scratch",
+    "mesh_shading_normal",
+    "nearest_on_meshes",
+]
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
@@ -79,7 +83,49 @@ _TRIES = 32
 _BLOCK = 128
 
 
-@kernel
+class MeshScratch(NamedTuple):
+    """Working memory of one thread; see `mesh_scratch`.
+
+    words and bits are one ray and hit as Embree lays them out, at ``address``; the others belong
+    to the rays of a block: what Embree gets, and what it gave.
+    """
+
+    words: NDArray[np.float32]
+    bits: NDArray[np.uint32]
+    address: int
+    shifted: F64
+    begin: F64
+    ways: F64
+    bests: F64
+    own_rows: I64
+    best_rows: I64
+    hit_body: I64
+    hit_row: I64
+    copies: F64
+
+
+def mesh_scratch() -> MeshScratch:
+    """Working memory for `nearest_on_meshes`: one per thread, to be kept and used again."""
+    raw = np.zeros(RAYHIT_WORDS + 4, np.float32)
+    skew = (16 - raw.ctypes.data % 16) % 16 // 4
+    words = raw[skew : skew + RAYHIT_WORDS]
+    return MeshScratch(
+        words=words,
+        bits=words.view(np.uint32),
+        address=words.ctypes.data,
+        shifted=np.zeros((3, _BLOCK)),
+        begin=np.zeros(_BLOCK),
+        ways=np.zeros(_BLOCK),
+        bests=np.zeros(_BLOCK),
+        own_rows=np.zeros(_BLOCK, np.int64),
+        best_rows=np.zeros(_BLOCK, np.int64),
+        hit_body=np.zeros(_BLOCK, np.int64),
+        hit_row=np.zeros(_BLOCK, np.int64),
+        copies=np.zeros((_BLOCK, 9)),
+    )
+
+
+@lean_kernel
 def _point_to_local(a: F64, b: int, x: float, y: float, z: float) -> tuple[float, float, float]:
     return (
         a[b, 0] * x + a[b, 1] * y + a[b, 2] * z + a[b, 3],
@@ -88,7 +134,7 @@ def _point_to_local(a: F64, b: int, x: float, y: float, z: float) -> tuple[float
     )
 
 
-@kernel
+@lean_kernel
 def _vector_to_local(a: F64, b: int, x: float, y: float, z: float) -> tuple[float, float, float]:
     return (
         a[b, 0] * x + a[b, 1] * y + a[b, 2] * z,
@@ -97,7 +143,7 @@ def _vector_to_local(a: F64, b: int, x: float, y: float, z: float) -> tuple[floa
     )
 
 
-@kernel
+@lean_kernel
 def _normal_to_world(a: F64, b: int, x: float, y: float, z: float) -> tuple[float, float, float]:
     return (
         a[b, 0] * x + a[b, 4] * y + a[b, 8] * z,
@@ -106,7 +152,7 @@ def _normal_to_world(a: F64, b: int, x: float, y: float, z: float) -> tuple[floa
     )
 
 
-@kernel
+@lean_kernel
 def _cross_edges(c: F64, row: int) -> tuple[float, float, float]:
     """Normal of a triangle, local, of twice its area."""
     ax, ay, az = c[row, 3] - c[row, 0], c[row, 4] - c[row, 1], c[row, 5] - c[row, 2]
@@ -114,7 +160,7 @@ def _cross_edges(c: F64, row: int) -> tuple[float, float, float]:
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
 
 
-@kernel
+@lean_kernel
 def _meet(
     c: F64, row: int, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float
 ) -> tuple[float, float, float, float]:
@@ -138,12 +184,12 @@ def _meet(
     return t, u, v, -determinant
 
 
-@kernel
+@lean_kernel
 def _inside(u: float, v: float) -> bool:
     return u >= -_INSIDE and v >= -_INSIDE and u + v <= 1.0 + _INSIDE
 
 
-@kernel
+@lean_kernel
 def mesh_normal(m: MeshArrays, body: int, primitive: int) -> tuple[float, float, float]:
     """Unit normal of a triangle in the world, by the order of its corners (outward)."""
     nx, ny, nz = _cross_edges(m.corners, m.first_triangle[body] + primitive)
@@ -153,7 +199,7 @@ def mesh_normal(m: MeshArrays, body: int, primitive: int) -> tuple[float, float,
     return nx * scale, ny * scale, nz * scale
 
 
-@kernel
+@lean_kernel
 def mesh_shading_normal(
     m: MeshArrays, body: int, primitive: int, px: float, py: float, pz: float
 ) -> tuple[float, float, float]:
@@ -180,7 +226,7 @@ def mesh_shading_normal(
     return nx * scale, ny * scale, nz * scale
 
 
-@kernel
+@lean_kernel
 def _close_to_edge(c: F64, row: int, x: float, y: float, z: float, distance: float) -> bool:
     """Whether a point in the plane of a triangle lies within ``distance`` of an edge's line."""
     for corner in range(3):
@@ -199,7 +245,7 @@ def _close_to_edge(c: F64, row: int, x: float, y: float, z: float, distance: flo
     return False
 
 
-@kernel
+@lean_kernel
 def _nearest_around(
     c: F64, triangles: I32, first_around: I64, around: I32, row: int,
     near: float, least: float, limit: float, way: float,
@@ -222,7 +268,7 @@ def _nearest_around(
     return best, found
 
 
-@kernel
+@lean_kernel
 def _decide(
     corners: F64, triangles: I32, first_around: I64, around: I32, to_local: F64, placed: int,
     closed: int, first: F64, k: int, found: int, row: int, own: int, own_row: int, way: float,
@@ -266,10 +312,10 @@ def _decide(
     return accepted, max(hit, 0.0), row, x, y, z
 
 
-@kernel
+@lean_kernel
 def nearest_on_meshes(
     m: MeshArrays, rays: F64, own_body: I64, own_primitive: I64, t: F64, body: I64,
-    primitive: I64, point: F64, normal: F64, n: int,
+    primitive: I64, point: F64, normal: F64, n: int, scratch: MeshScratch,
 ) -> None:  # fmt: skip
     """Improve the nearest hit of ``n`` rays by all meshes.
 
@@ -282,6 +328,7 @@ def nearest_on_meshes(
     point : (3, >= n) place of the hit, on the triangle, replaced likewise. It differs from
         origin + t direction only where the ray passes an edge within float32 rounding.
     normal : (3, >= n) outward unit normal of the triangle, replaced likewise
+    scratch : working memory of this thread, from `mesh_scratch`
 
     Notes
     -----
@@ -292,27 +339,15 @@ def nearest_on_meshes(
     corners, triangles, to_local, placed = m.corners, m.triangles, m.to_local, m.placed
     first_around, around = m.first_around, m.around
     first_triangle, closed = m.first_triangle, m.closed
-    # Lay out one ray and hit for Embree, aligned to 16 bytes
-    raw = np.zeros(RAYHIT_WORDS + 4, np.float32)
-    skew = (16 - raw.ctypes.data % 16) % 16 // 4
-    words = raw[skew : skew + RAYHIT_WORDS]
-    bits = words.view(np.uint32)
-    address = words.ctypes.data
+    words, bits, address = scratch.words, scratch.bits, np.uintp(scratch.address)
+    shifted, begin, ways, bests = scratch.shifted, scratch.begin, scratch.ways, scratch.bests
+    own_rows, best_rows = scratch.own_rows, scratch.best_rows
+    hit_body, hit_row, copies = scratch.hit_body, scratch.hit_row, scratch.copies
     scene = np.uintp(m.handle)
     radius = m.radius
     offset = _OFFSET * radius
     near = _NEAR * radius
     cx, cy, cz = m.center[0], m.center[1], m.center[2]
-    # Per block: what Embree gets, and what it gave
-    shifted = np.zeros((3, _BLOCK))
-    begin = np.zeros(_BLOCK)
-    ways = np.zeros(_BLOCK)
-    own_rows = np.zeros(_BLOCK, np.int64)
-    bests = np.zeros(_BLOCK)
-    best_rows = np.zeros(_BLOCK, np.int64)
-    hit_body = np.zeros(_BLOCK, np.int64)
-    hit_row = np.zeros(_BLOCK, np.int64)
-    copies = np.zeros((_BLOCK, 9))
     for base in range(0, n, _BLOCK):
         size = min(_BLOCK, n - base)
         # Collect the triangles that the rays leave
@@ -446,7 +481,7 @@ def nearest_on_meshes(
                 normal[0, i], normal[1, i], normal[2, i] = nx * scale, ny * scale, nz * scale
 
 
-@kernel
+@lean_kernel
 def _rim(c: F64, row: int, u: float, v: float) -> tuple[float, float, float]:
     """The point of a triangle with clamped coordinates, local."""
     if not (abs(u) < 1e6 and abs(v) < 1e6):
@@ -462,7 +497,7 @@ def _rim(c: F64, row: int, u: float, v: float) -> tuple[float, float, float]:
     )
 
 
-@kernel
+@lean_kernel
 def _point_to_world(a: F64, b: int, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Solve local = A world + shift by Cramer's rule."""
     x, y, z = x - a[b, 3], y - a[b, 7], z - a[b, 11]

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from raymap.errors import SceneError
 from tracer.geometry.embree import EmbreeScene
 from tracer.geometry.mesh import TriangleMesh, triangles_around
-from tracer.geometry.mesh_hits import MeshArrays, nearest_on_meshes
+from tracer.geometry.mesh_hits import MeshArrays, mesh_scratch, nearest_on_meshes
 
 __all__ = ["MeshScene", "Placement", "count_crossing_edges"]
 
@@ -197,7 +197,9 @@ def count_crossing_edges(mesh: TriangleMesh) -> int:
     none = np.full(count, -1, np.int64)
     body, primitive = none.copy(), none.copy()
     unused = np.zeros((3, count))
-    nearest_on_meshes(arrays, rays, none, none, t, body, primitive, unused, unused.copy(), count)
+    nearest_on_meshes(
+        arrays, rays, none, none, t, body, primitive, unused, unused.copy(), count, mesh_scratch()
+    )
     hit = body >= 0
     met = rows[primitive[hit]]
     ends = edges[hit]

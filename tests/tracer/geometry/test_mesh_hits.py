@@ -11,7 +11,9 @@ from tracer.engine.random import advance, stream_state, uniform
 from tracer.geometry.mesh import TriangleMesh, make_mesh, smooth_normals
 from tracer.geometry.mesh_hits import (
     MeshArrays,
+    MeshScratch,
     mesh_normal,
+    mesh_scratch,
     mesh_shading_normal,
     nearest_on_meshes,
 )
@@ -71,13 +73,17 @@ def shoot(
     none = np.full(n, -1, np.int64)
     body, primitive, point = none.copy(), none.copy(), np.zeros((3, n))
     own_body, own_primitive = own or (none, none)
-    normal = point.copy()
-    nearest_on_meshes(m, rays, own_body, own_primitive, t, body, primitive, point, normal, n)
+    normal, scratch = point.copy(), mesh_scratch()
+    nearest_on_meshes(
+        m, rays, own_body, own_primitive, t, body, primitive, point, normal, n, scratch
+    )
     return t, body, primitive, point.T
 
 
 @kernel
-def _bounce(m: MeshArrays, state: int, n: int, bounces: int) -> tuple[int, int, int]:
+def _bounce(
+    m: MeshArrays, state: int, n: int, bounces: int, scratch: MeshScratch
+) -> tuple[int, int, int]:
     """Diffuse rays inside a closed shape: (lost, hit from outside, hit their own triangle)."""
     stream = stream_state(state, 0)
     rays = np.zeros((6, n))
@@ -106,7 +112,9 @@ def _bounce(m: MeshArrays, state: int, n: int, bounces: int) -> tuple[int, int, 
             rays[3, i], rays[4, i], rays[5, i] = sign * d[0], sign * d[1], sign * d[2]
             t[i] = np.inf
             body[i] = -1
-        nearest_on_meshes(m, rays, own, own_primitive, t, body, primitive, point, normal, n)
+        nearest_on_meshes(
+            m, rays, own, own_primitive, t, body, primitive, point, normal, n, scratch
+        )
         for i in range(n):
             if body[i] < 0:
                 lost += 1
@@ -145,7 +153,7 @@ def test_closed_shapes_do_not_leak(shape: str, shift: float) -> None:
     turn *= np.sign(np.linalg.det(turn))
     transform = np.column_stack((turn, np.full(3, shift)))
     scene = MeshScene([Placement(mesh=mesh, transform=transform)])
-    lost, outside, again = _bounce(scene.arrays, 11, 1000, 300)
+    lost, outside, again = _bounce(scene.arrays, 11, 1000, 300, mesh_scratch())
     assert (lost, outside, again) == (0, 0, 0)
 
 
@@ -153,7 +161,7 @@ def test_closed_shapes_do_not_leak(shape: str, shift: float) -> None:
 @pytest.mark.parametrize("steps", [0, 6])
 def test_millions_of_rays_stay_inside(steps: int) -> None:
     scene = MeshScene([Placement(mesh=icosphere(steps))])
-    assert _bounce(scene.arrays, 5, 10_000, 400) == (0, 0, 0)
+    assert _bounce(scene.arrays, 5, 10_000, 400, mesh_scratch()) == (0, 0, 0)
 
 
 def test_rays_at_edges_and_corners_of_a_cube_hit() -> None:
@@ -201,6 +209,7 @@ def test_a_farther_mesh_does_not_replace_a_nearer_hit() -> None:
             np.zeros((3, 1)),
             np.zeros((3, 1)),
             1,
+            mesh_scratch(),
         )
         assert body[0] == expected
         assert t[0] == pytest.approx(min(limit, 1.0))
@@ -239,7 +248,7 @@ def test_instances_equal_baked_copies() -> None:
         assert np.linalg.norm(smooth) == pytest.approx(1)
         assert smooth @ flat > 0.8
     lost, outside, again = _bounce(
-        MeshScene([placements[4], placements[4]], instance_above=0).arrays, 3, 50, 1
+        MeshScene([placements[4], placements[4]], instance_above=0).arrays, 3, 50, 1, mesh_scratch()
     )
     assert (lost, outside, again) == (0, 0, 0)
 
