@@ -35,37 +35,85 @@ from query.criteria import Criterion
 from raymap.events import Event
 
 if TYPE_CHECKING:
+    from query.comparison import Comparison, compare
+    from query.energy import Audit, audit
+    from query.explanation import Explanation, explain
+    from query.filter_strings import translate
+    from query.ghosts import GhostMatrix, ghost_matrix
     from query.grammar import parse
+    from query.illumination import Illumination, illuminated
+    from query.image_files import write_image
+    from query.images import DetectorImage, detector_image, detector_images
     from query.json_form import from_json
+    from query.ray_report import report
     from query.scan import Progress
     from query.selection import Selection
     from query.selector import select, select_many
+    from query.sweeps import SweepRow, sweep
+    from query.tables import PathRow, PathTable, path_table
 
 _LAZY = {
+    "Audit": "query.energy",
+    "Comparison": "query.comparison",
+    "DetectorImage": "query.images",
+    "Explanation": "query.explanation",
+    "GhostMatrix": "query.ghosts",
+    "Illumination": "query.illumination",
+    "PathRow": "query.tables",
+    "PathTable": "query.tables",
     "Progress": "query.scan",
     "Selection": "query.selection",
+    "SweepRow": "query.sweeps",
+    "audit": "query.energy",
+    "compare": "query.comparison",
+    "detector_image": "query.images",
+    "detector_images": "query.images",
+    "explain": "query.explanation",
     "from_json": "query.json_form",
+    "ghost_matrix": "query.ghosts",
+    "illuminated": "query.illumination",
     "parse": "query.grammar",
+    "path_table": "query.tables",
+    "report": "query.ray_report",
     "select": "query.selector",
     "select_many": "query.selector",
+    "sweep": "query.sweeps",
+    "translate": "query.filter_strings",
+    "write_image": "query.image_files",
 }
 
 __all__ = [
+    "Audit",
+    "Comparison",
     "Criterion",
+    "DetectorImage",
     "Event",
+    "Explanation",
+    "GhostMatrix",
+    "Illumination",
+    "PathRow",
+    "PathTable",
     "Progress",
     "Selection",
+    "SweepRow",
     "all_",
     "as_criterion",
+    "audit",
     "bounces",
+    "compare",
     "count",
     "crossed",
     "detected",
+    "detector_image",
+    "detector_images",
     "ellipse",
     "event",
+    "explain",
     "flux",
     "from_json",
+    "ghost_matrix",
     "hit",
+    "illuminated",
     "incidence",
     "last",
     "length",
@@ -74,11 +122,16 @@ __all__ = [
     "parameter",
     "parse",
     "path",
+    "path_table",
     "rect",
+    "report",
     "select",
     "select_many",
     "source",
+    "sweep",
+    "translate",
     "wavelength",
+    "write_image",
 ]
 
 

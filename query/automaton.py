@@ -67,7 +67,7 @@ _TOKEN = re.compile(
     r"""(?P<space>\s+)|(?P<open>\()|(?P<close>\))|(?P<bar>\|)
       | (?P<detector>@(?:\\.|[^\s()|@:\\])+)
       | (?P<any>\.(?=[\s()|*+?{]|$))
-      | (?P<place>(?:\\.|[^\s()|@{}+.:\\])(?:\\.|[^\s()|@{}+:\\])*(?::[A-Za-z_,]+)?|:[A-Za-z_,]+)
+      | (?P<place>(?:\\.|[^\s()|@{}+.:\\])(?:\\.|[^\s()|@{}+:\\])*(?::[A-Za-z_,]+)?|:[A-Za-z_,]*)
       """,
     flags=re.VERBOSE | re.DOTALL,
 )
@@ -230,7 +230,7 @@ class _PathParser:
 
 def _split_events(token: str) -> tuple[str, str, str]:
     """Split ``name:event,event`` at the last ``:`` that is not escaped."""
-    match = re.fullmatch(r"((?:\\.|[^:\\])*):([A-Za-z_,]+)", token, flags=re.DOTALL)
+    match = re.fullmatch(r"((?:\\.|[^:\\])*):([A-Za-z_,]*)", token, flags=re.DOTALL)
     return (match.group(1), ":", match.group(2)) if match else (token, "", "")
 
 

@@ -7,9 +7,10 @@ from the path, and only the streams that are touched are read.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,7 +55,7 @@ class StoredRays(Protocol):
     def paths(self) -> PathDictionary: ...
     def path_numbers(self) -> NDArray[np.uint32]: ...
     def descriptors(self) -> Descriptors: ...
-    def column(self, name: str) -> NDArray[np.generic]: ...
+    def column(self, name: str) -> NDArray[Any]: ...
     def color_table(self) -> NDArray[np.uint16]: ...
 
 
@@ -65,7 +66,7 @@ def offsets_of(counts: Ints) -> NDArray[np.int64]:
     return offsets
 
 
-class Context:
+class Context(ABC):
     """Columns of rays and their points; None where a column is unknown."""
 
     n_rays: int
@@ -74,16 +75,35 @@ class Context:
         self.point_results: dict[BoundNode, Pair] = {}
         self.ray_results: dict[BoundNode, Pair] = {}
 
-    # Columns are properties of the subclasses; the same names are columns of PathDictionary.
-    source: Ints
-    offsets: Ints
-    object: Ints
-    face: Ints
-    event: Ints
-    medium: Ints
-    meeting_offsets: Ints
-    detector: Ints
-    registered: Bools
+    # The path's own columns; points of ray r are rows offsets[r]:offsets[r + 1].
+
+    @property
+    @abstractmethod
+    def source(self) -> Ints: ...
+    @property
+    @abstractmethod
+    def offsets(self) -> Ints: ...
+    @property
+    @abstractmethod
+    def object(self) -> Ints: ...
+    @property
+    @abstractmethod
+    def face(self) -> Ints: ...
+    @property
+    @abstractmethod
+    def event(self) -> Ints: ...
+    @property
+    @abstractmethod
+    def medium(self) -> Ints: ...
+    @property
+    @abstractmethod
+    def meeting_offsets(self) -> Ints: ...
+    @property
+    @abstractmethod
+    def detector(self) -> Ints: ...
+    @property
+    @abstractmethod
+    def registered(self) -> Bools: ...
 
     @property
     def n_points(self) -> int:
@@ -102,7 +122,8 @@ class Context:
     @cached_property
     def left(self) -> Bools:
         """(n_rays,) the ray left the scene."""
-        return (self.event[self.last_rows] & int(Event.LEFT_SCENE)) != 0
+        left: Bools = (self.event[self.last_rows] & int(Event.LEFT_SCENE)) != 0
+        return left
 
     @cached_property
     def ray_meeting_offsets(self) -> Ints:
@@ -128,17 +149,41 @@ class PathContext(Context):
         self.paths = paths
         self.n_rays = paths.n_paths
 
-    source = property(lambda self: self.paths.source)  # type: ignore[assignment]
-    offsets = property(lambda self: self.paths.offsets)  # type: ignore[assignment]
-    object = property(lambda self: self.paths.object)  # type: ignore[assignment]
-    face = property(lambda self: self.paths.face)  # type: ignore[assignment]
-    event = property(lambda self: self.paths.event)  # type: ignore[assignment]
-    medium = property(lambda self: self.paths.medium)  # type: ignore[assignment]
-    meeting_offsets = property(  # type: ignore[assignment]
-        lambda self: self.paths.detector_offsets
-    )
-    detector = property(lambda self: self.paths.detector)  # type: ignore[assignment]
-    registered = property(lambda self: self.paths.registered)  # type: ignore[assignment]
+    @property
+    def source(self) -> Ints:
+        return self.paths.source
+
+    @property
+    def offsets(self) -> Ints:
+        return self.paths.offsets
+
+    @property
+    def object(self) -> Ints:
+        return self.paths.object
+
+    @property
+    def face(self) -> Ints:
+        return self.paths.face
+
+    @property
+    def event(self) -> Ints:
+        return self.paths.event
+
+    @property
+    def medium(self) -> Ints:
+        return self.paths.medium
+
+    @property
+    def meeting_offsets(self) -> Ints:
+        return self.paths.detector_offsets
+
+    @property
+    def detector(self) -> Ints:
+        return self.paths.detector
+
+    @property
+    def registered(self) -> Bools:
+        return self.paths.registered
 
     @cached_property
     def meetings_of_path(self) -> Ints:
@@ -175,7 +220,7 @@ class RayContext(Context):
         self.channel_sets = channel_sets
 
     @cached_property
-    def offsets(self) -> Ints:  # type: ignore[override]
+    def offsets(self) -> Ints:
         return ray_offsets(self.base.offsets, self.path)
 
     @cached_property
@@ -200,39 +245,39 @@ class RayContext(Context):
         return expand_rows(self.starts, self.offsets)
 
     @cached_property
-    def lengths(self) -> Ints:  # type: ignore[override]
+    def lengths(self) -> Ints:
         return self.base.lengths[self.path]
 
     @cached_property
-    def left(self) -> Bools:  # type: ignore[override]
+    def left(self) -> Bools:
         return self.base.left[self.path]
 
     @cached_property
-    def source(self) -> Ints:  # type: ignore[override]
+    def source(self) -> Ints:
         return self.base.source[self.path]
 
     @cached_property
-    def object(self) -> Ints:  # type: ignore[override]
+    def object(self) -> Ints:
         return self.base.object[self.rows]
 
     @cached_property
-    def face(self) -> Ints:  # type: ignore[override]
+    def face(self) -> Ints:
         return self.base.face[self.rows]
 
     @cached_property
-    def event(self) -> Ints:  # type: ignore[override]
+    def event(self) -> Ints:
         return self.base.event[self.rows]
 
     @cached_property
-    def medium(self) -> Ints:  # type: ignore[override]
+    def medium(self) -> Ints:
         return self.base.medium[self.rows]
 
     @cached_property
-    def ray_meeting_offsets(self) -> Ints:  # type: ignore[override]
+    def ray_meeting_offsets(self) -> Ints:
         return offsets_of(self.base.meetings_of_path[self.path])
 
     @cached_property
-    def meeting_offsets(self) -> Ints:  # type: ignore[override]
+    def meeting_offsets(self) -> Ints:
         return offsets_of(np.diff(self.base.meeting_offsets)[self.rows])
 
     @cached_property
@@ -241,11 +286,11 @@ class RayContext(Context):
         return expand_rows(starts, self.ray_meeting_offsets)
 
     @cached_property
-    def detector(self) -> Ints:  # type: ignore[override]
+    def detector(self) -> Ints:
         return self.base.detector[self._base_meetings]
 
     @cached_property
-    def registered(self) -> Bools:  # type: ignore[override]
+    def registered(self) -> Bools:
         return self.base.registered[self._base_meetings]
 
     @cached_property
@@ -257,13 +302,13 @@ class RayContext(Context):
         return expand_rows(begins[self.rays], self.ray_meeting_offsets)
 
     @cached_property
-    def triangle(self) -> Ints:  # type: ignore[override]
+    def triangle(self) -> Ints:
         self.check()
         column = self.portion.column("triangle")
-        return column if self.rays is None else column[self.records]  # type: ignore[return-value]
+        return column if self.rays is None else column[self.records]
 
     @cached_property
-    def uv(self) -> NDArray[np.uint16]:  # type: ignore[override]
+    def uv(self) -> NDArray[np.uint16]:
         self.check()
         uv = self.portion.descriptors().uv
         return uv if self.descriptor_rows is None else uv[self.descriptor_rows]
@@ -272,13 +317,13 @@ class RayContext(Context):
     def position(self) -> NDArray[np.float32]:
         """(records of the portion, 3), to be used with `starts`."""
         self.check()
-        return self.portion.column("position")  # type: ignore[return-value]
+        return self.portion.column("position")
 
     @cached_property
     def normal(self) -> NDArray[np.int16]:
         """(records of the portion, 3), to be used with `starts`."""
         self.check()
-        return self.portion.column("normal")  # type: ignore[return-value]
+        return self.portion.column("normal")
 
     @cached_property
     def weight(self) -> NDArray[np.float64]:
@@ -300,7 +345,7 @@ class RayContext(Context):
     def last_color(self) -> Ints:
         """(n_rays,) colour code of each ray's last record."""
         self.check()
-        return self.portion.column("color_code")[self.ends]  # type: ignore[return-value]
+        return self.portion.column("color_code")[self.ends]
 
     @cached_property
     def wavelength(self) -> NDArray[np.float64]:

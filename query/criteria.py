@@ -309,7 +309,7 @@ class _Nary(Criterion):
         flat: list[Criterion] = []
         for arg in self.args:
             _criterion(arg, self.symbol)
-            flat.extend(arg.args if type(arg) is type(self) else (arg,))  # type: ignore[attr-defined]
+            flat.extend(arg.args if type(arg) is type(self) else (arg,))
         if len(flat) < 2:
             raise CriterionError(f"{self.symbol} joins two or more criteria")
         object.__setattr__(self, "args", tuple(flat))

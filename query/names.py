@@ -131,6 +131,7 @@ class FaceNames:
     Attributes
     ----------
     objects : names of the objects, in order
+    own_entries : the same without aliases
     entries : (owner's name, face's name, face index) for each face and each alias
     """
 
@@ -139,10 +140,12 @@ class FaceNames:
         self.table = directory.faces
         self.objects = [item.name for item in directory.objects]
         self.entries: list[tuple[str, str, int]] = []
+        self.own_entries: list[tuple[str, str, int]] = []
         index = 0
         for item in directory.objects:
             for face in item.faces:
                 self.entries.append((item.name, face.name, index))
+                self.own_entries.append((item.name, face.name, index))
                 for alias in face.aliases:
                     owner, _, name = alias.rpartition(".")
                     self.entries.append((owner, name, index))
@@ -176,22 +179,24 @@ class ObjectMatch:
     triangle: int = -1
 
 
-def _whole_objects(pattern: str, names: FaceNames) -> ObjectMatch | None:
+def _whole_objects(pattern: str, names: FaceNames, aliases: bool) -> ObjectMatch | None:
     regex = _regex(pattern)
     objects = np.zeros(len(names.objects) + 1, np.bool_)
     faces = np.zeros(names.n_faces + 1, np.bool_)
     for index, name in enumerate(names.objects):
         objects[index] = regex.fullmatch(name) is not None
-    for owner, _, face in names.entries:
+    for owner, _, face in names.entries if aliases else ():
         if regex.fullmatch(owner) and not objects[names.table.object[face]]:
             faces[face] = True
     return ObjectMatch(objects, faces) if objects.any() or faces.any() else None
 
 
-def _single_faces(object_part: str, face_part: str, names: FaceNames) -> ObjectMatch | None:
+def _single_faces(
+    object_part: str, face_part: str, names: FaceNames, aliases: bool
+) -> ObjectMatch | None:
     owner_regex, face_regex = _regex(object_part), _regex(face_part)
     faces = np.zeros(names.n_faces + 1, np.bool_)
-    for owner, name, face in names.entries:
+    for owner, name, face in names.entries if aliases else names.own_entries:
         if owner_regex.fullmatch(owner) and face_regex.fullmatch(name):
             faces[face] = True
     if not faces.any():
@@ -214,8 +219,10 @@ def _triangle(object_part: str, number: int, names: FaceNames) -> ObjectMatch | 
     return ObjectMatch(np.zeros(len(names.objects) + 1, np.bool_), faces, number)
 
 
-def match_objects(pattern: str, names: FaceNames) -> ObjectMatch:
+def match_objects(pattern: str, names: FaceNames, *, aliases: bool = True) -> ObjectMatch:
     """Objects, faces or a primitive that a name stands for.
+
+    Without ``aliases`` a shared face goes by the name of its own object only.
 
     Raises
     ------
@@ -225,19 +232,19 @@ def match_objects(pattern: str, names: FaceNames) -> ObjectMatch:
     object_part, face_part = split_face(pattern)
     found: ObjectMatch | None = None
     if face_part is None:
-        found = _whole_objects(pattern, names)
+        found = _whole_objects(pattern, names, aliases)
     elif re.fullmatch(r"#\d+", face_part):
         found = _triangle(object_part, int(face_part[1:]), names)
-        if found is None and _whole_objects(object_part, names) is not None:
+        if found is None and _whole_objects(object_part, names, aliases) is not None:
             raise UnknownName(
                 f'"{pattern}": {object_part} has no primitive {face_part}; '
                 f"primitives are counted from 0"
             )
     else:
-        found = _single_faces(object_part, face_part, names)
+        found = _single_faces(object_part, face_part, names, aliases)
     # A name with a dot may be a whole object's; faces come first.
     if found is None and face_part is not None:
-        found = _whole_objects(pattern, names)
+        found = _whole_objects(pattern, names, aliases)
     if found is None:
         if face_part is not None and (known := names.face_names_of(object_part)):
             shown = ", ".join(dict.fromkeys(known))

@@ -16,13 +16,14 @@ from raymap.events import FAMILIES, Event
 
 __all__ = ["PRINCIPAL", "PathMachine", "bind_path"]
 
-PRINCIPAL = ~int(
+INFORMATIVE = (
     Event.EMITTED
     | Event.DETECTOR_CROSSED
     | Event.DETECTOR_REGISTERED
     | Event.MEDIUM_CHANGED
     | Event.RIM_HIT
 )
+PRINCIPAL = sum(int(event) for event in Event if not event & INFORMATIVE)
 """Events that tell paths apart in path tables and in exact path expressions."""
 
 _KINDS = {"any": 0, "place": 1, "detector": 2}
@@ -153,7 +154,7 @@ def _fill(
             raise _first_element(element.name, places)
         return
     try:
-        found = match_objects(element.name, places.names)
+        found = match_objects(element.name, places.names, aliases=not machine.exact)
     except UnknownName:
         if sources:
             return

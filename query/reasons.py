@@ -106,7 +106,8 @@ def _empty(node: b.BoundNode, scan: Scan) -> str:
         if count:
             return f"{node.text}: {count:,} rays reach the detector, none inside the region"
     possible = True
-    if scan.verdicts.pairs and not any(part is None for part in scan.merged.local_to_global):
+    merged = scan.merged
+    if merged is not None and all(part is not None for part in merged.local_to_global):
         base = scan.verdicts.base
         from query.evaluate import evaluate
 

@@ -154,7 +154,7 @@ def _first(scan: Scan, node: BoundNode, criterion: object, limit: int) -> Select
 def _trim(scan: Scan, found: list[tuple[int, Ids]], reach: int | None) -> Tally:
     """Keep the rays up to number ``reach`` and count them."""
     tally = Tally.zeros(scan.n_sources)
-    masks = {}
+    masks: dict[int, Sequence[NDArray[np.uint8]]] = {}
     for index, ids in found:
         portion = scan.map.portions[index]
         rays = scan.rays_of(index, 0)

@@ -1,20 +1,29 @@
 """Flux of sets of rays from unnormalised sums, with its standard error.
 
-Flux = sum over sources of flux_s / N_s * Σw, where N_s rays were emitted by source s in the portions
-served; standard error² = sum over sources of (flux_s / N_s)² [Σw² - (Σw)² / N_s]. Where one emission
-becomes several rays w is summed per emission first.
+Flux = sum over sources of flux_s / N_s * Σw, where N_s rays were emitted by source s in the
+portions served; standard error² = sum over sources of (flux_s / N_s)² [Σw² - (Σw)² / N_s]. Where
+one emission becomes several rays w is summed per emission first.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from raymap.directory import Directory
 
-__all__ = ["Estimate", "Tally", "estimate", "source_factors", "squares_by_emission"]
+__all__ = [
+    "Estimate",
+    "Tally",
+    "estimate",
+    "source_factors",
+    "squares_by_emission",
+    "sums",
+    "variances",
+]
 
 Ints = NDArray[np.integer]
 Floats = NDArray[np.float64]
@@ -47,11 +56,8 @@ class Tally:
     @classmethod
     def of_paths(cls, labels: Ints, rays: Ints, sum_w: Floats, sum_w2: Floats, size: int) -> Tally:
         """Sum entries by label."""
-        return cls(
-            np.bincount(labels, rays, size).astype(np.int64),
-            np.bincount(labels, sum_w, size),
-            np.bincount(labels, sum_w2, size),
-        )
+        counts = np.bincount(labels, rays, size).astype(np.int64)
+        return cls(counts, sums(labels, sum_w, size), sums(labels, sum_w2, size))
 
     @classmethod
     def of_rays(
@@ -68,9 +74,9 @@ class Tally:
         if weight is None:
             ones = rays.astype(np.float64)
             return cls(rays, ones, ones)
-        sum_w = np.bincount(labels, weight, size)
+        sum_w = sums(labels, weight, size)
         if emission is None:
-            return cls(rays, sum_w, np.bincount(labels, weight**2, size))
+            return cls(rays, sum_w, sums(labels, weight**2, size))
         return cls(rays, sum_w, squares_by_emission(labels, weight, emission, size))
 
     def __add__(self, other: Tally) -> Tally:
@@ -80,6 +86,12 @@ class Tally:
         return Tally(self.rays - other.rays, self.sum_w - other.sum_w, self.sum_w2 - other.sum_w2)
 
 
+def sums(labels: Ints, values: Floats, size: int) -> Floats:
+    """Sum of the values of each label."""
+    result: Floats = np.bincount(labels, values, size).astype(np.float64, copy=False)
+    return result
+
+
 def squares_by_emission(labels: Ints, weight: Floats, emission: Ints, size: int) -> Floats:
     """Σ over emissions of (Σw)², by label."""
     if not len(labels):
@@ -87,8 +99,8 @@ def squares_by_emission(labels: Ints, weight: Floats, emission: Ints, size: int)
     order = np.lexsort((emission, labels))
     changes = (np.diff(labels[order]) != 0) | (np.diff(emission[order]) != 0)
     first = np.concatenate(([0], np.flatnonzero(changes) + 1))
-    sums = np.add.reduceat(weight[order], first)
-    return np.bincount(labels[order][first], sums**2, size)
+    groups = np.add.reduceat(weight[order], first)
+    return sums(labels[order][first], groups**2, size)
 
 
 def source_factors(directory: Directory, emitted: Ints) -> Floats:
@@ -97,7 +109,7 @@ def source_factors(directory: Directory, emitted: Ints) -> Floats:
     return np.divide(flux, emitted, out=np.zeros(len(flux)), where=emitted > 0)
 
 
-def variances(factors: Floats, emitted: Ints, sum_w: Floats, sum_w2: Floats) -> Floats:
+def variances(factors: Floats, emitted: NDArray[Any], sum_w: Floats, sum_w2: Floats) -> Floats:
     """Squared standard errors of single-source sums."""
     spread = sum_w2 - np.divide(
         sum_w**2, emitted, out=np.zeros_like(sum_w, dtype=np.float64), where=emitted > 0

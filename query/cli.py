@@ -1,0 +1,418 @@
+"""Commands that ask a map: query, paths, report, image, audit, ghosts, sweep, compare."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+__all__ = ["register"]
+
+MapPath = Annotated[Path, typer.Argument(help="A ray map, or a folder of them.")]
+Criterion = Annotated[str | None, typer.Argument(help="Which rays; all without it.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
+Strict = Annotated[bool, typer.Option("--strict", help="Fail at damage instead of skipping it.")]
+Threads = Annotated[int | None, typer.Option(min=1, help="Default: the cores there are.")]
+Filter = Annotated[
+    bool, typer.Option("--filter-string", help="The criterion is a filter string: H3 & !R4.")
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Hang the commands of this package on the application."""
+    app.command("query")(query)
+    app.command("paths")(paths)
+    app.command("report")(report)
+    app.command("image")(image)
+    app.command("audit")(audit)
+    app.command("ghosts")(ghosts)
+    app.command("illuminated")(illuminated)
+    app.command("sweep")(sweep)
+    app.command("compare")(compare)
+
+
+class _Opened:
+    """A map for one command: damage is skipped with a warning unless strict."""
+
+    def __init__(self, path: Path, strict: bool) -> None:
+        from raymap.cli import open_map
+
+        self.map = open_map(path, strict)
+        self._known = len(self.map.damage)
+
+    def __enter__(self) -> Any:
+        return self.map
+
+    def __exit__(self, *error: object) -> None:
+        from raymap.cli import warn_of_damage
+
+        # Damage that was met on the way, too, is said on stderr.
+        warn_of_damage(self.map, self._known)
+        self.map.close()
+
+
+def _criterion(text: str | None, map: Any, is_filter: bool) -> Any:
+    if text is None or not is_filter:
+        return text
+    from query.filter_strings import translate
+
+    return translate(text, map)
+
+
+def _progress(json: bool) -> Any:
+    """A progress line on stderr for searches that take longer than a moment."""
+    import sys
+    import time
+
+    if json or not sys.stderr.isatty():
+        return None
+    state = {"start": time.monotonic(), "last": 0.0}
+
+    def show(progress: Any) -> None:
+        now = time.monotonic()
+        if now - state["start"] < 0.5 or now - state["last"] < 0.1:
+            return
+        state["last"] = now
+        done = progress.portions_done == progress.portions
+        text = f"{progress.fraction:4.0%}  {progress.matched:,} rays"
+        sys.stderr.write(f"\r\x1b[K{'' if done else text}")
+        sys.stderr.flush()
+
+    return show
+
+
+def query(
+    map: MapPath,
+    criterion: Criterion = None,
+    count: Annotated[bool, typer.Option("--count", help="Only count.")] = False,
+    limit: Annotated[int | None, typer.Option(min=1, help="Those with smallest numbers.")] = None,
+    explain: Annotated[bool, typer.Option("--explain", help="Plan; rays of each part.")] = False,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Write .parquet .arrow .csv .raymap.")
+    ] = None,
+    rows: Annotated[str, typer.Option(help="Rows of the output: segments or rays.")] = "segments",
+    filter_string: Filter = False,
+    threads: Threads = None,
+    json: Json = False,
+    strict: Strict = False,
+) -> None:
+    """Find the rays that satisfy a criterion."""
+    from query.selector import select
+    from raymap.cli import emit_json
+
+    if output is not None:
+        from query.output import check_target
+
+        check_target(output, rows)
+    with _Opened(map, strict) as ray_map:
+        asked = _criterion(criterion, ray_map, filter_string)
+        if explain:
+            _explain(ray_map, asked, threads, json)
+            return
+        only_count = count and output is None and limit is None
+        selection = select(
+            ray_map,
+            asked,
+            limit=limit,
+            rays=not only_count,
+            threads=threads,
+            progress=_progress(json),
+        )
+        if output is not None:
+            selection.write(output, rows)
+        if not json:
+            from query.terminal import print_selection
+
+            print_selection(selection, show_rays=not count)
+            if output is not None:
+                typer.echo(f"wrote {output}")
+            return
+        answer = selection.summary()
+        if not count:
+            answer["ray_ids"] = selection.ray_ids
+        if output is not None:
+            answer["output"] = str(output)
+        emit_json(answer)
+
+
+def _explain(ray_map: Any, asked: Any, threads: int | None, json: bool) -> None:
+    from query.explanation import explain
+    from raymap.cli import emit_json
+
+    explanation = explain(ray_map, asked, threads=threads)
+    if json:
+        emit_json(explanation.to_json())
+    else:
+        typer.echo(str(explanation))
+
+
+def paths(
+    map: MapPath,
+    criterion: Criterion = None,
+    by: Annotated[str, typer.Option(help="object or face.")] = "face",
+    top: Annotated[int | None, typer.Option(min=1, help="This many rows; 20 by default.")] = None,
+    sort: Annotated[str, typer.Option(help="flux, rays or peak.")] = "flux",
+    peak: Annotated[str | None, typer.Option(help="Tell the peak cell on this detector.")] = None,
+    min_rays: Annotated[int, typer.Option(min=1, help="Leave rarer paths to the rest.")] = 1,
+    min_share: Annotated[float, typer.Option(min=0, help="Leave weaker paths to the rest.")] = 0.0,
+    reflections: Annotated[int | None, typer.Option(min=0, help="Exactly this many.")] = None,
+    first: Annotated[str | None, typer.Option(help="First object met.")] = None,
+    last: Annotated[str | None, typer.Option(help="Last object met.")] = None,
+    source: Annotated[str | None, typer.Option(help="Only paths from this source.")] = None,
+    filter_string: Filter = False,
+    threads: Threads = None,
+    json: Json = False,
+    strict: Strict = False,
+) -> None:
+    """Table of the paths of a selection: rays, flux, standard error, share."""
+    from query.tables import path_table
+    from raymap.cli import emit_json
+
+    with _Opened(map, strict) as ray_map:
+        asked = _criterion(criterion, ray_map, filter_string)
+        table = path_table(
+            ray_map,
+            asked,
+            by=by,
+            sort=sort,
+            peak=peak,
+            threads=threads,
+            progress=_progress(json),
+        )
+        table = table.filter(
+            reflections=reflections,
+            first=first,
+            last=last,
+            source=source,
+            min_rays=min_rays,
+            min_share=min_share,
+        )
+        rows = top if top is not None else 20
+        if json:
+            emit_json(table.to_json(rows))
+            return
+        from query.terminal import print_paths
+
+        print_paths(table, rows)
+
+
+def report(
+    map: MapPath,
+    ray_id: Annotated[int, typer.Argument(help="Number of the ray.")],
+    json: Json = False,
+    strict: Strict = False,
+) -> None:
+    """Everything that is recorded of one ray, point by point."""
+    from query.ray_report import report as report_of
+    from raymap.cli import emit_json
+
+    with _Opened(map, strict) as ray_map:
+        ray = report_of(ray_map, ray_id)
+        if json:
+            emit_json(ray)
+            return
+        from query.terminal import print_report
+
+        print_report(ray)
+
+
+def image(
+    map: MapPath,
+    detector: Annotated[str, typer.Argument(help="Name of the detector.")],
+    criterion: Criterion = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help=".png, .tiff or .npy")
+    ] = None,
+    kind: Annotated[
+        str, typer.Option(help="rgb flux rays irradiance illuminance spectral")
+    ] = "rgb",
+    layer: Annotated[
+        list[str] | None, typer.Option(help="NAME=CRITERION: one more picture, in the same pass.")
+    ] = None,
+    filter_string: Filter = False,
+    threads: Threads = None,
+    json: Json = False,
+    strict: Strict = False,
+) -> None:
+    """The picture that the selected rays made on a detector."""
+    from query.image_files import KINDS, write_image
+    from query.images import detector_images
+    from raymap.cli import emit_json
+
+    if output is None:
+        raise typer.BadParameter("give the file to write: -o out.png")
+    if kind not in KINDS:
+        raise typer.BadParameter(f"--kind is one of {', '.join(KINDS)}")
+    targets = {"": output}
+    for text in layer or ():
+        name, equals, _ = text.partition("=")
+        if not equals or not name:
+            raise typer.BadParameter("--layer is NAME=CRITERION")
+        targets[name] = output.with_name(f"{output.stem}-{name}{output.suffix}")
+    with _Opened(map, strict) as ray_map:
+        layers = {"": _criterion(criterion, ray_map, filter_string)}
+        for text in layer or ():
+            name, _, asked = text.partition("=")
+            layers[name] = _criterion(asked, ray_map, filter_string)
+        pictures = detector_images(
+            ray_map, detector, layers, threads=threads, progress=_progress(json)
+        )
+        written = [
+            _written(write_image(picture, targets[name], kind), picture)
+            for name, picture in pictures.items()
+        ]
+        if json:
+            emit_json(written[0] | ({"layers": written[1:]} if written[1:] else {}))
+            return
+        for item in written:
+            peak = "" if item["peak"] is None else f", peak {item['peak']:.4g} {item['peak_unit']}"
+            typer.echo(
+                f"wrote {item['output']}: {item['flux']:.6g} {item['flux_unit']} from "
+                f"{item['registrations']:,} registrations{peak}"
+            )
+
+
+def _written(path: Path, picture: Any) -> dict[str, Any]:
+    """What a picture holds, in numbers."""
+    flat = picture.cell_area_m2 is not None
+    return {
+        "output": str(path),
+        "detector": picture.detector.name,
+        "cells": list(picture.detector.cells),
+        "flux": picture.total,
+        "flux_unit": picture.flux_unit,
+        "registrations": int(picture.rays.sum()),
+        "peak": float(picture.irradiance.max()) if flat else None,
+        "peak_unit": picture.irradiance_unit if flat else None,
+        "cell_area_m2": picture.cell_area_m2,
+    }
+
+
+def audit(
+    map: MapPath,
+    criterion: Criterion = None,
+    threads: Threads = None,
+    json: Json = False,
+    strict: Strict = False,
+) -> None:
+    """Where the light of each source ended: absorbed, detected, left, stopped, errors."""
+    from query.energy import CLASSES
+    from query.energy import audit as audit_of
+    from raymap.cli import emit_json
+
+    with _Opened(map, strict) as ray_map:
+        result = audit_of(ray_map, criterion, threads=threads)
+        answer = result.to_json()
+        if json:
+            emit_json(answer)
+            return
+        from query.terminal import print_rows
+
+        kinds = ("emitted", *CLASSES, "missing")
+        rows = [
+            {"source": name} | {kind: entry["flux"][kind] for kind in kinds}
+            for name, entry in answer["sources"].items()
+        ]
+        print_rows(rows, f"flux [{result.flux_unit}] by how it ended")
+        takers = [
+            {"object": name, "rays": entry["rays"], "flux": entry["flux"]}
+            for name, entry in answer["absorbed_by"].items()
+        ]
+        print_rows(takers, "absorbed by")
+
+
+def ghosts(
+    map: MapPath,
+    detector: Annotated[str | None, typer.Argument(help="Only ghosts it registers.")] = None,
+    criterion: Criterion = None,
+    top: Annotated[int, typer.Option(min=1, help="This many pairs.")] = 20,
+    threads: Threads = None,
+    json: Json = False,
+    strict: Strict = False,
+) -> None:
+    """Two-reflection ghosts by the pair of faces that reflect."""
+    from query.ghosts import ghost_matrix
+    from raymap.cli import emit_json
+
+    with _Opened(map, strict) as ray_map:
+        matrix = ghost_matrix(ray_map, detector, criterion, threads=threads)
+        if json:
+            emit_json(matrix.to_json() | {"pairs": matrix.pairs()})
+            return
+        from query.terminal import print_rows
+
+        rows = [{k: v for k, v in row.items() if k != "criterion"} for row in matrix.pairs(top)]
+        print_rows(rows, f"two-reflection ghosts, {matrix.total:.5g} {matrix.flux_unit}")
+
+
+def illuminated(
+    map: MapPath,
+    detector: Annotated[str, typer.Argument(help="Name of the detector.")],
+    criterion: Criterion = None,
+    threads: Threads = None,
+    json: Json = False,
+    strict: Strict = False,
+) -> None:
+    """Objects that the sources light, objects that the detector sees, and both."""
+    from query.illumination import illuminated as light_of
+    from raymap.cli import emit_json
+
+    with _Opened(map, strict) as ray_map:
+        result = light_of(ray_map, detector, criterion, threads=threads)
+        if json:
+            emit_json(result.to_json())
+            return
+        from query.terminal import print_rows
+
+        print_rows(result.to_json()["objects"], f"objects lit, and seen by {result.detector}")
+        typer.echo(f"illuminated and critical: {', '.join(result.both) or 'none'}")
+
+
+def sweep(
+    map: MapPath,
+    detector: Annotated[str, typer.Argument(help="Name of the detector.")],
+    criterion: Criterion = None,
+    threads: Threads = None,
+    json: Json = False,
+    strict: Strict = False,
+) -> None:
+    """Flux at a detector and point source transmittance, source by source."""
+    from query.sweeps import sweep as sweep_of
+    from raymap.cli import emit_json
+
+    with _Opened(map, strict) as ray_map:
+        rows = [row.to_json() for row in sweep_of(ray_map, detector, criterion, threads=threads)]
+        if json:
+            emit_json(rows)
+            return
+        from query.terminal import print_rows
+
+        shown = [{k: v for k, v in row.items() if k != "parameters"} for row in rows]
+        print_rows(shown, f"flux at {detector} by source")
+
+
+def compare(
+    map: MapPath,
+    other: Annotated[Path, typer.Argument(help="The map to compare with.")],
+    criterion: Criterion = None,
+    by: Annotated[str, typer.Option(help="object or face.")] = "face",
+    top: Annotated[int, typer.Option(min=1, help="This many rows.")] = 20,
+    threads: Threads = None,
+    json: Json = False,
+    strict: Strict = False,
+) -> None:
+    """Two maps path by path, with the significance of the differences."""
+    from query.comparison import compare as compare_maps
+    from raymap.cli import emit_json
+
+    with _Opened(map, strict) as first, _Opened(other, strict) as second:
+        result = compare_maps(first, second, criterion, by=by, threads=threads)
+        if json:
+            emit_json(result.to_json(top))
+            return
+        from query.terminal import print_rows
+
+        keys = ("flux_a", "flux_b", "difference", "se", "z", "significant", "path")
+        rows = [{k: row[k] for k in keys} for row in result.to_json(top)["paths"]]
+        print_rows(rows, f"{len(result.significant)} significant of {len(result.paths)} paths")

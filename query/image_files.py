@@ -1,0 +1,135 @@
+"""Detector pictures as files: PNG, TIFF, NumPy; written beside the target and renamed."""
+
+from __future__ import annotations
+
+import base64
+import os
+import struct
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from query.images import DetectorImage
+from raymap.errors import MissingExtra, RayMapError
+
+__all__ = ["KINDS", "png_bytes", "png_html", "write_image"]
+
+KINDS = ("rgb", "flux", "rays", "irradiance", "illuminance", "spectral")
+
+
+def _upright(values: NDArray[Any]) -> NDArray[Any]:
+    """Row 0 at the top, as files count rows."""
+    return values[::-1]
+
+
+def png_bytes(pixels: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
+    """A PNG of (rows, columns[, 3]) pixels of 8 or 16 bits."""
+    height, width = pixels.shape[:2]
+    depth = pixels.dtype.itemsize * 8
+    color = 2 if pixels.ndim == 3 else 0
+    big_endian = pixels.astype(pixels.dtype.newbyteorder(">"))
+    rows = big_endian.reshape(height, -1).view(np.uint8).reshape(height, -1)
+    filtered = np.concatenate((np.zeros((height, 1), np.uint8), rows), axis=1).tobytes()
+
+    def chunk(tag: bytes, data: bytes) -> bytes:
+        checksum = zlib.crc32(tag + data)
+        return struct.pack(">I", len(data)) + tag + data + struct.pack(">I", checksum)
+
+    header = struct.pack(">IIBBBBB", width, height, depth, color, 0, 0, 0)
+    return b"".join(
+        (
+            b"\x89PNG\r\n\x1a\n",
+            chunk(b"IHDR", header),
+            chunk(b"sRGB", b"\0"),
+            chunk(b"IDAT", zlib.compress(filtered, 6)),
+            chunk(b"IEND", b""),
+        )
+    )
+
+
+def png_html(image: DetectorImage) -> str:
+    """An HTML image for notebooks."""
+    data = base64.b64encode(png_bytes(_upright(image.srgb()))).decode()
+    return f'<img src="data:image/png;base64,{data}" alt="{image.detector.name}">'
+
+
+def values_of(image: DetectorImage, kind: str) -> NDArray[Any]:
+    """(cells_v, cells_u[, n]) values of one kind of picture, row 0 at the bottom."""
+    if kind == "rgb":
+        return image.linear_rgb
+    if kind == "spectral":
+        return image.channels
+    if kind not in KINDS:
+        raise RayMapError(f"pictures are of kind {', '.join(KINDS)}, not {kind!r}")
+    result: NDArray[Any] = getattr(image, kind)
+    return result
+
+
+def _pixels(image: DetectorImage, kind: str) -> NDArray[Any]:
+    """What a PNG shows: sRGB, or grey from 0 to the largest value in 16 bits."""
+    if kind == "rgb":
+        return image.srgb()
+    values = values_of(image, kind)
+    if values.ndim == 3:
+        raise RayMapError("a PNG holds no spectra; write .npy or .tiff, or the kind rgb")
+    top = float(values.max()) or 1.0
+    return np.round(np.clip(values / top, 0, 1) * 65535).astype(np.uint16)
+
+
+def write_image(image: DetectorImage, path: str | Path, kind: str = "rgb") -> Path:
+    """Write a picture; the suffix chooses the format.
+
+    ``.png``: sRGB or 16-bit grey scaled to its largest value. ``.tiff``: float32 in physical units
+    (package tifffile). ``.npy``: float64 in physical units, row 0 at the bottom as cells count.
+
+    Raises
+    ------
+    RayMapError
+        unknown kind or suffix.
+    MissingExtra
+        a TIFF without the package tifffile.
+    """
+    target = Path(path)
+    suffix = target.suffix.lower()
+    if suffix not in (".png", ".tif", ".tiff", ".npy"):
+        raise RayMapError(f"pictures end in .png, .tiff or .npy, not {target.name!r}")
+    if not target.parent.is_dir():
+        raise RayMapError(f"there is no folder {target.parent} to write {target.name} into")
+    beside = target.with_name(f".{target.name}.{os.getpid()}")
+    try:
+        if suffix == ".png":
+            beside.write_bytes(png_bytes(_upright(_pixels(image, kind))))
+        elif suffix == ".npy":
+            with beside.open("wb") as file:
+                np.save(file, values_of(image, kind))
+        else:
+            _write_tiff(beside, image, kind)
+        os.replace(beside, target)
+    finally:
+        beside.unlink(missing_ok=True)
+    return target
+
+
+def _write_tiff(path: Path, image: DetectorImage, kind: str) -> None:
+    try:
+        import tifffile
+    except ImportError:
+        raise MissingExtra(
+            "TIFF pictures need the package tifffile (pip install tifffile); .npy and .png need "
+            "nothing more"
+        ) from None
+    values = _upright(values_of(image, kind)).astype(np.float32)
+    if values.ndim == 3 and values.shape[2] != 3:
+        values = np.moveaxis(values, 2, 0)
+    unit = {"irradiance": image.irradiance_unit, "illuminance": "lx", "rays": "rays"}.get(
+        kind, f"{image.flux_unit} per cell"
+    )
+    tifffile.imwrite(
+        path,
+        values,
+        photometric="rgb" if values.ndim == 3 and values.shape[-1] == 3 else "minisblack",
+        metadata={"unit": unit, "detector": image.detector.name},
+    )

@@ -1,0 +1,385 @@
+"""The path table: which paths carry how much of a selection's flux."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from html import escape
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from query.context import PathContext
+from query.path_keys import Keys, group, path_keys
+from query.path_text import PathNames, exact_criterion, path_text
+from query.peaks import find_peaks
+from query.scan import Cancel, Progress, Scan
+from query.search import Found
+from query.selector import bind_all
+from query.tally import Tally, source_factors, variances
+from raymap.errors import RayMapError
+
+__all__ = ["PathRow", "PathTable", "path_table"]
+
+Ints = NDArray[np.integer]
+Floats = NDArray[np.float64]
+
+SORTS = ("flux", "rays", "peak")
+_COMPACT_ROWS = 2_000_000
+
+
+@dataclass(frozen=True)
+class PathRow:
+    """One path of a selection.
+
+    Attributes
+    ----------
+    path : its itinerary
+    criterion : selects exactly the rays that take it; None for the remainder
+    flux, flux_se : [flux unit of the map]
+    share : of the selection's flux
+    reflections : points with a reflection of any kind
+    first_object, last_object : names, None without
+    peak : (u, v) of the brightest cell of the detector picture of this path, where asked for
+    peak_flux : flux in that cell
+    """
+
+    path: str
+    criterion: str | None
+    rays: int
+    flux: float
+    flux_se: float
+    share: float
+    source: str | None = None
+    reflections: int | None = None
+    first_object: str | None = None
+    last_object: str | None = None
+    peak: tuple[int, int] | None = None
+    peak_flux: float | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        out = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        if self.peak_flux is None:
+            del out["peak"], out["peak_flux"]
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """Grouped paths of the merged dictionary or of one portion; ``places`` tell where one is."""
+
+    keys: Keys
+    tally: Tally
+    places: NDArray[np.int64]  # (n, 2): portion or -1 for the merged paths, row
+
+
+class PathTable:
+    """Paths of a selection, strongest first; text is made when rows are asked for.
+
+    Attributes
+    ----------
+    n_paths : different paths of the selection
+    rays, flux, flux_se : (n_paths,)
+    total : flux of the selection [flux unit of the map]
+    by : "face" or "object"
+    complete : False if the search was cancelled
+    """
+
+    def __init__(
+        self,
+        map: Any,
+        part: _Part,
+        order: Ints,
+        emitted: Ints,
+        by_source: Tally,
+        by: str,
+        complete: bool,
+        peaks: dict[str, NDArray[Any]] | None,
+    ) -> None:
+        self.map, self.by, self.complete = map, by, complete
+        self._part, self._order, self._peaks = part, order, peaks
+        self._by_source, self._emitted = by_source, emitted
+        factors = source_factors(map.directory, emitted)
+        own = factors[part.keys.source]
+        sent = emitted[part.keys.source].astype(np.float64)
+        tally = part.tally
+        self._flux = own * tally.sum_w
+        self._se = np.sqrt(variances(own, sent, tally.sum_w, tally.sum_w2))
+        self.total = float(factors @ by_source.sum_w)
+        self._bases: dict[int, PathContext] = {}
+        self._names = PathNames(map.directory)
+
+    @property
+    def n_paths(self) -> int:
+        return len(self._order)
+
+    def __len__(self) -> int:
+        return self.n_paths
+
+    @property
+    def rays(self) -> NDArray[np.int64]:
+        return self._part.tally.rays[self._order]
+
+    @property
+    def flux(self) -> Floats:
+        return self._flux[self._order]
+
+    @property
+    def flux_se(self) -> Floats:
+        return self._se[self._order]
+
+    def rows(self, top: int | None = None) -> list[PathRow]:
+        """The first ``top`` paths, and a remainder row, so that shares sum to 1."""
+        chosen = self._order[:top]
+        return [self._row(int(row)) for row in chosen] + [self._remainder(chosen)]
+
+    def to_json(self, top: int | None = None) -> list[dict[str, Any]]:
+        """What ``raymap paths --json`` prints."""
+        return [row.to_json() for row in self.rows(top)]
+
+    def filter(
+        self,
+        *,
+        reflections: int | None = None,
+        first: str | None = None,
+        last: str | None = None,
+        source: str | None = None,
+        min_rays: int = 1,
+        min_share: float = 0.0,
+    ) -> PathTable:
+        """The rows that fit; the others go to the remainder."""
+        keys, directory = self._part.keys, self.map.directory
+        keep = self._part.tally.rays[self._order] >= min_rays
+        if min_share > 0 and self.total:
+            keep &= self._flux[self._order] / self.total >= min_share
+        if reflections is not None:
+            keep &= keys.reflections[self._order] == reflections
+        objects = [item.name for item in directory.objects]
+        for name, column in ((first, keys.first), (last, keys.last)):
+            if name is not None:
+                keep &= column[self._order] == _index(name, objects, "object")
+        if source is not None:
+            sources = [item.name for item in directory.sources]
+            keep &= keys.source[self._order] == _index(source, sources, "source")
+        return PathTable(
+            self.map,
+            self._part,
+            self._order[keep],
+            self._emitted,
+            self._by_source,
+            self.by,
+            self.complete,
+            self._peaks,
+        )
+
+    def _base(self, place: int) -> PathContext:
+        """Paths of the merged dictionary (-1) or of a portion."""
+        if place not in self._bases:
+            if len(self._bases) > 8:
+                self._bases.clear()
+            paths = self.map.merged.paths if place < 0 else self.map.portions[place].paths()
+            self._bases[place] = PathContext(paths)
+        return self._bases[place]
+
+    def _row(self, row: int) -> PathRow:
+        keys, tally = self._part.keys, self._part.tally
+        place, where = (int(number) for number in self._part.places[row])
+        text = path_text(self._base(place), where, self._names, self.by)
+        directory = self.map.directory
+        flux = float(self._flux[row])
+        names = [item.name for item in directory.objects]
+        first, last = int(keys.first[row]), int(keys.last[row])
+        result = PathRow(
+            path=text,
+            criterion=exact_criterion(text),
+            rays=int(tally.rays[row]),
+            flux=flux,
+            flux_se=float(self._se[row]),
+            share=flux / self.total if self.total else 0.0,
+            source=directory.sources[int(keys.source[row])].name,
+            reflections=int(keys.reflections[row]),
+            first_object=names[first] if first >= 0 else None,
+            last_object=names[last] if last >= 0 else None,
+        )
+        if self._peaks is None:
+            return result
+        u, v = (int(number) for number in self._peaks["cell"][row])
+        return replace(
+            result,
+            peak=(u, v) if u >= 0 else None,
+            peak_flux=float(self._peaks["flux"][row]),
+        )
+
+    def _remainder(self, chosen: Ints) -> PathRow:
+        """What the rows shown leave out."""
+        sources = self._part.keys.source[chosen]
+        shown, whole = self._part.tally, self._by_source
+        n = len(whole.rays)
+        rest = whole - Tally.of_paths(
+            sources, shown.rays[chosen], shown.sum_w[chosen], shown.sum_w2[chosen], n
+        )
+        rays = int(rest.rays.sum())
+        factors = source_factors(self.map.directory, self._emitted)
+        # Differences of float sums: nothing left means exactly zero.
+        flux = float(factors @ rest.sum_w) if rays else 0.0
+        variance = variances(factors, self._emitted, rest.sum_w, rest.sum_w2).sum()
+        return PathRow(
+            path="remainder",
+            criterion=None,
+            rays=rays,
+            flux=flux,
+            flux_se=float(np.sqrt(variance)) if rays else 0.0,
+            share=flux / self.total if self.total else 0.0,
+        )
+
+    def __repr__(self) -> str:
+        unit = self.map.directory.flux_unit
+        return f"<PathTable {self.n_paths} paths by {self.by}, {self.total:.6g} {unit}>"
+
+    def _repr_html_(self) -> str:
+        head = "".join(f"<th>{name}</th>" for name in ("path", "rays", "flux", "±", "share"))
+        body = "".join(
+            f"<tr><td>{escape(row.path)}</td><td>{row.rays:,}</td><td>{row.flux:.4g}</td>"
+            f"<td>{row.flux_se:.2g}</td><td>{row.share:.3%}</td></tr>"
+            for row in self.rows(20)
+        )
+        return f"<table><tr>{head}</tr>{body}</table>"
+
+
+def _index(name: str, names: list[str], kind: str) -> int:
+    from query.names import unknown
+
+    if name not in names:
+        raise unknown(kind, name, names)
+    return names.index(name)
+
+
+def path_table(
+    map: Any,
+    criterion: object = None,
+    *,
+    by: str = "face",
+    sort: str = "flux",
+    peak: str | None = None,
+    threads: int | None = None,
+    progress: Callable[[Progress], None] | None = None,
+    cancel: Cancel = None,
+    use_merged: bool = True,
+) -> PathTable:
+    """Paths of a selection with rays, flux, standard error and share.
+
+    A finished map answers path-level criteria from its merged dictionary alone.
+
+    Parameters
+    ----------
+    criterion : text, tree or JSON; None: all rays
+    by : "face" tells faces apart, "object" only objects
+    sort : "flux", "rays" or "peak" (brightest cell of the path's picture on the detector ``peak``)
+    peak : detector whose brightest cell each row tells; reads the descriptors of all rays
+
+    Raises
+    ------
+    CriterionError, UnknownName, RayMapError
+    """
+    if by not in ("face", "object"):
+        raise RayMapError(f'path tables are by "face" or "object", not {by!r}')
+    if sort not in SORTS:
+        raise RayMapError(f"path tables are sorted by {', '.join(SORTS)}, not {sort!r}")
+    detector = _peak_detector(map, peak, sort)
+    [node] = bind_all(map, [criterion])
+    merged = map.merged if use_merged else None
+    parts: list[_Part] = []
+    keys, representatives, labels = None, None, None
+    if merged is not None:
+        keys = path_keys(PathContext(merged.paths), by)
+        representatives, labels = group(keys)
+
+    def take(index: int, product: _Part) -> None:
+        parts.append(product)
+        if sum(len(part.places) for part in parts) > _COMPACT_ROWS:
+            parts[:] = [_joined(parts)]
+
+    scan = Scan(
+        map,
+        [node],
+        visit=lambda found: _grouped(found, by),
+        take=take,
+        plain_only=True,
+        labels=labels,
+        threads=threads,
+        progress=progress,
+        cancel=cancel,
+        use_merged=use_merged,
+    )
+    [totals] = scan.run()
+    if keys is not None and representatives is not None:
+        places = np.stack([np.full(len(representatives), -1), representatives], axis=1)
+        parts.append(_Part(keys.take(representatives), totals.by_label, places))
+    part = _joined(parts) if parts else _empty()
+    emitted = scan.emitted
+    peaks = None
+    if detector is not None:
+        peaks = find_peaks(map, node, part.keys, by, detector, emitted, threads, cancel)
+    order = _ordered(map, part, emitted, sort, peaks)
+    return PathTable(map, part, order, emitted, totals.by_source, by, scan.complete, peaks)
+
+
+def _peak_detector(map: Any, peak: str | None, sort: str) -> int | None:
+    detectors = [detector.name for detector in map.directory.detectors]
+    if peak is None and sort == "peak":
+        if len(detectors) != 1:
+            raise RayMapError(f"sorting by peak needs a detector; the map has: {detectors}")
+        peak = detectors[0]
+    return None if peak is None else _index(peak, detectors, "detector")
+
+
+def _empty() -> _Part:
+    none = np.zeros(0, np.int64)
+    keys = Keys(none.astype(np.uint64), none.astype(np.uint64), none, none, none, none)  # type: ignore[arg-type]
+    return _Part(keys, Tally.zeros(0), np.zeros((0, 2), np.int64))
+
+
+def _grouped(found: Found, by: str) -> _Part:
+    """Paths of one portion that stands alone; runs in a worker thread."""
+    keys = path_keys(found.paths.base, by)
+    representatives, groups = group(keys)
+    rays = np.flatnonzero(found.masks[0])
+    labels = groups[found.paths.of_ray[rays]]
+    portion = found.portion
+    weight = portion.column("weight").astype(np.float64)[rays] if portion.has_weights else None
+    emission = portion.column("emission")[rays] if portion.grouped else None
+    tally = Tally.of_rays(labels, weight, emission, len(representatives))
+    some = np.flatnonzero(tally.rays)
+    places = np.stack([np.full(len(some), found.index), representatives[some]], axis=1)
+    kept = Tally(tally.rays[some], tally.sum_w[some], tally.sum_w2[some])
+    return _Part(keys.take(representatives[some]), kept, places)
+
+
+def _joined(parts: list[_Part]) -> _Part:
+    """Parts with equal paths added up."""
+    keys = Keys.join([part.keys for part in parts])
+    tallies = [part.tally for part in parts]
+    representatives, groups = group(keys)
+    tally = Tally.of_paths(
+        groups,
+        np.concatenate([tally.rays for tally in tallies]),
+        np.concatenate([tally.sum_w for tally in tallies]),
+        np.concatenate([tally.sum_w2 for tally in tallies]),
+        len(representatives),
+    )
+    places = np.concatenate([part.places for part in parts])[representatives]
+    return _Part(keys.take(representatives), tally, places)
+
+
+def _ordered(
+    map: Any, part: _Part, emitted: Ints, sort: str, peaks: dict[str, NDArray[Any]] | None
+) -> Ints:
+    """Rows with rays, strongest first; ties are broken by the key, so that order is stable."""
+    tally, keys = part.tally, part.keys
+    flux = source_factors(map.directory, emitted)[keys.source] * tally.sum_w
+    first: NDArray[Any] = flux if sort == "flux" else tally.rays
+    if sort == "peak" and peaks is not None:
+        first = peaks["flux"]
+    order = np.lexsort((keys.high, keys.low, -tally.rays, -flux, -first))
+    return order[tally.rays[order] > 0]

@@ -1,0 +1,166 @@
+"""Answers as tables in a terminal."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from query.selection import Selection
+from query.tables import PathTable
+
+__all__ = ["print_paths", "print_report", "print_rows", "print_selection"]
+
+
+def _console() -> Console:
+    return Console(highlight=False, soft_wrap=False)
+
+
+def _number(value: float | None, digits: int = 6) -> str:
+    return "" if value is None else f"{value:.{digits}g}"
+
+
+def print_selection(selection: Selection, show_rays: bool) -> None:
+    """How many rays, how much flux, why nothing; the first ray numbers."""
+    console = _console()
+    unit = selection.map.directory.flux_unit
+    share = f" ({selection.matched / selection.rays:.4%})" if selection.rays else ""
+    more = ", stopped at the limit" if selection.limited else ""
+    console.print(f"{selection.matched:,} of {selection.rays:,} rays{share}{more}")
+    console.print(f"flux {selection.flux:.6g} ± {selection.flux_se:.2g} {unit}")
+    if selection.flux_bound_95 is not None:
+        console.print(f"below {selection.flux_bound_95:.3g} {unit} with 95 % confidence")
+    if selection.reason:
+        console.print(f"nothing matches: {selection.reason}", markup=False)
+    console.print(
+        f"{selection.seconds:.3f} s, {selection.portions_read} of "
+        f"{len(selection.map.portions)} portions read, {selection.bytes_read / 1e6:.1f} MB"
+    )
+    if show_rays and selection.matched:
+        ids = selection.ray_ids
+        shown = " ".join(str(number) for number in ids[:40].tolist())
+        console.print(f"rays {shown}{' …' if len(ids) > 40 else ''}", soft_wrap=True)
+
+
+def print_paths(table: PathTable, top: int | None) -> None:
+    """The path table, strongest first."""
+    unit = table.map.directory.flux_unit
+    view = Table(title=f"{table.n_paths:,} paths by {table.by}, {table.total:.6g} {unit}")
+    view.add_column("#", justify="right")
+    for name in ("rays", f"flux [{unit}]", "±", "share"):
+        view.add_column(name, justify="right", no_wrap=True)
+    with_peak = table._peaks is not None
+    if with_peak:
+        view.add_column("peak cell", no_wrap=True)
+    view.add_column("path", overflow="fold")
+    for number, row in enumerate(table.rows(top), 1):
+        cells = [
+            str(number) if row.criterion else "",
+            f"{row.rays:,}",
+            _number(row.flux, 5),
+            _number(row.flux_se, 2),
+            f"{row.share:.3%}",
+        ]
+        if with_peak:
+            cells.append("" if row.peak is None else f"{row.peak[0]}, {row.peak[1]}")
+        view.add_row(*cells, Text(row.path))
+    _console().print(view)
+
+
+def print_rows(rows: list[dict[str, Any]], title: str) -> None:
+    """Dictionaries with equal keys as a table."""
+    view = Table(title=title)
+    names = list(rows[0]) if rows else []
+    for name in names:
+        numeric = isinstance(rows[0][name], int | float)
+        view.add_column(name, justify="right" if numeric else "left", overflow="fold")
+    for row in rows:
+        view.add_row(*(Text(_cell(row[name])) for name in names))
+    _console().print(view)
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.5g}"
+    if isinstance(value, int) and not isinstance(value, bool):
+        return f"{value:,}"
+    return "" if value is None else str(value)
+
+
+def print_report(ray: dict[str, Any]) -> None:
+    """One ray, a row for each of its points."""
+    unit = ray["units"]["length"]
+    console = _console()
+    console.print(
+        f"ray {ray['ray_id']} from {ray['source']}, {len(ray['points'])} points, "
+        f"length {ray['length']:.6g} {unit}, flux {ray['flux']:.4g} {ray['units']['flux']}",
+        markup=False,
+    )
+    view = Table()
+    for name, options in (
+        ("#", {"justify": "right"}),
+        (f"position [{unit}]", {"no_wrap": True}),
+        ("at", {}),
+        ("events", {"overflow": "fold"}),
+        ("incidence", {"justify": "right", "no_wrap": True}),
+        ("medium", {}),
+        ("index", {"justify": "right"}),
+        (f"length [{unit}]", {"justify": "right"}),
+        ("colour", {"overflow": "fold"}),
+        ("detectors", {"overflow": "fold"}),
+    ):
+        view.add_column(name, **options)
+    for number, point in enumerate(ray["points"]):
+        view.add_row(
+            str(number),
+            ", ".join(f"{x:.4f}" for x in point["position"]),
+            Text(_place(point)),
+            Text(", ".join(point["events"])),
+            "" if point["incidence_deg"] is None else f"{point['incidence_deg']:.3f}°",
+            Text(point["medium"] or ""),
+            _refraction(point["refractive_index"]),
+            _number(point["length"]),
+            _light(point),
+            Text(_meetings(point)),
+        )
+    console.print(view)
+
+
+def _place(point: dict[str, Any]) -> str:
+    if point["object"] is None:
+        return ""
+    face = f".{point['face']}" if point["face"] else ""
+    return f"{point['object']}{face}"
+
+
+def _refraction(index: float | dict[str, float] | None) -> str:
+    if isinstance(index, dict):
+        return "\n".join(f"{value:.6f} {name}" for name, value in index.items())
+    return "" if index is None else f"{index:.6f}"
+
+
+def _light(point: dict[str, Any]) -> Text:
+    """A patch in the ray's colour, and its channels."""
+    lit = {name: share for name, share in point["spectrum"].items() if share > 0}
+    if len(lit) == 1:
+        words = next(iter(lit))
+    elif len(lit) <= 3:
+        words = " ".join(f"{name} {share:.2f}" for name, share in lit.items())
+    else:
+        words = f"{len(lit)} channels"
+    text = Text()
+    if point["color"] is not None:
+        # The terminal's colours are gamma-encoded.
+        r, g, b = (round(255 * max(0.0, x) ** (1 / 2.2)) for x in point["color"])
+        text.append("██ ", style=f"rgb({r},{g},{b})")
+    return text.append(words)
+
+
+def _meetings(point: dict[str, Any]) -> str:
+    return ", ".join(
+        f"{met['detector']} ({met['cell'][0]}, {met['cell'][1]})"
+        + ("" if met["registered"] else " not registered")
+        for met in point["detectors"]
+    )
