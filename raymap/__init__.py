@@ -9,6 +9,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from raymap.arrow import export
     from raymap.checks import check_portion
     from raymap.directory import (
         BoundingSphere,
@@ -46,11 +47,14 @@ if TYPE_CHECKING:
     from raymap.paths import MergedPaths, PathDictionary
     from raymap.portion import Descriptors, Portion
     from raymap.reader import Damage, RayMap
+    from raymap.rows import join_portions, take_rays
     from raymap.schema import DESCRIPTOR_DTYPE, SEGMENT_DTYPE
+    from raymap.selection import copy_selection
     from raymap.stored import StoredPortion
     from raymap.writer import RayMapWriter
 
 _PLACES = {
+    "raymap.arrow": ["export"],
     "raymap.checks": ["check_portion"],
     "raymap.directory": [
         "BoundingSphere",
@@ -89,6 +93,8 @@ _PLACES = {
     "raymap.portion": ["Descriptors", "Portion"],
     "raymap.reader": ["Damage", "RayMap"],
     "raymap.schema": ["DESCRIPTOR_DTYPE", "SEGMENT_DTYPE"],
+    "raymap.rows": ["join_portions", "take_rays"],
+    "raymap.selection": ["copy_selection"],
     "raymap.stored": ["StoredPortion"],
     "raymap.writer": ["RayMapWriter"],
 }
@@ -137,8 +143,12 @@ __all__ = [
     "UnknownName",
     "UnsupportedVersion",
     "check_portion",
+    "copy_selection",
     "event_names",
+    "export",
+    "join_portions",
     "open",
+    "take_rays",
 ]
 
 

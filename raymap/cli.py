@@ -59,6 +59,9 @@ def warn_of_damage(ray_map: RayMap, known: int = 0) -> None:
 def register(app: typer.Typer) -> None:
     """Hang the commands of this package on the application."""
     app.command("info")(info)
+    app.command("verify")(verify)
+    app.command("repair")(repair)
+    app.command("export")(export)
 
 
 def info(
@@ -76,6 +79,80 @@ def info(
             emit_json(summary)
             return
         _print_summary(summary)
+
+
+def verify(
+    map: Annotated[Path, typer.Argument(help="A ray map, or a folder of them.")],
+    json: Json = False,
+) -> None:
+    """Read all of a map, check every byte, and say what is sound; exit 1 on damage only."""
+    from raymap.opening import open
+    from raymap.verify import verify as check
+
+    with open(map, on_damage="skip") as ray_map:
+        result = check(ray_map)
+    if json:
+        emit_json(result.as_json())
+    else:
+        _print_verification(map, result.as_json())
+    if result.damage:
+        raise typer.Exit(1)
+
+
+def repair(
+    map: Annotated[Path, typer.Argument(help="A damaged or unfinished ray map.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="The new map.")],
+    force: Annotated[bool, typer.Option(help="Replace an existing file.")] = False,
+) -> None:
+    """Write the sound portions of a map as a sound, finished map."""
+    from raymap.repair import repair as write
+    from raymap.shards import ShardedMap
+
+    with open_map(map) as ray_map:
+        if isinstance(ray_map, ShardedMap):
+            raise RayMapError(f"{map} is a folder: repair its maps one by one")
+        known = len(ray_map.damage)
+        portions = write(ray_map, output, force=force)
+        warn_of_damage(ray_map, known)
+    typer.echo(f"{output}: {portions} sound portions written")
+
+
+def export(
+    map: Annotated[Path, typer.Argument(help="A ray map, or a folder of them.")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="*.parquet, *.arrow, *.csv, or a folder.")
+    ],
+    rows: Annotated[str, typer.Option(help="segments (one row per record) or rays.")] = "segments",
+    force: Annotated[bool, typer.Option(help="Replace an existing file.")] = False,
+    strict: Strict = False,
+) -> None:
+    """Write a map as a table for DuckDB, Polars, pandas, Spark."""
+    from typing import cast
+
+    if rows not in ("rays", "segments"):
+        raise typer.BadParameter(f"{rows!r} is neither rays nor segments", param_hint="--rows")
+    from raymap.arrow import Rows
+    from raymap.arrow import export as write
+
+    with open_map(map, strict) as ray_map:
+        known = len(ray_map.damage)
+        n = write(ray_map, output, rows=cast(Rows, rows), force=force)
+        warn_of_damage(ray_map, known)
+    typer.echo(f"{output}: {n} rows written")
+
+
+def _print_verification(path: Path, result: dict[str, Any]) -> None:
+    state = "finished" if result["finished"] else "unfinished"
+    typer.echo(
+        f"{path}: {result['good']} of {result['portions']} portions sound, "
+        f"{result['rays_readable']} rays readable, {state}"
+    )
+    if result["torn_bytes"]:
+        typer.echo(f"{result['torn_bytes']} bytes at the end belong to an incomplete portion")
+    for damage in result["damaged"]:
+        what = "bytes" if damage["portion"] is None else f"portion {damage['portion']}, bytes"
+        end = damage["offset"] + damage["length"] - 1
+        typer.echo(f"damaged: {what} {damage['offset']}–{end}: {damage['reason']}")
 
 
 def stream_costs(ray_map: RayMap) -> list[dict[str, Any]]:

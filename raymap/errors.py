@@ -64,6 +64,9 @@ class UnsupportedVersion(FormatError):
 class DamagedPortion(FormatError):
     """A chunk or a stream fails its checksum or declares impossible sizes."""
 
+    reason: str = ""
+    """What is wrong, without place and remedy."""
+
 
 class MapExists(RayMapError, FileExistsError):
     """A file stands where a new one would be written."""

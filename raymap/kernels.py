@@ -12,7 +12,7 @@ from typing import Any, TypeVar, cast
 
 import numba
 
-__all__ = ["kernel", "lean_kernel"]
+__all__ = ["inline_kernel", "kernel", "lean_kernel"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -30,4 +30,15 @@ def lean_kernel(function: F) -> F:
     (counts are atomic), and compile slowly.
     """
     compiled = numba.njit(nogil=True, cache=True, error_model="numpy", _nrt=False)(function)
+    return cast(F, compiled)
+
+
+def inline_kernel(function: F) -> F:
+    """As `lean_kernel`, always made part of its caller: for the steps of an inner loop.
+
+    A call that hands over arrays copies their descriptions, which costs more than a short step.
+    """
+    compiled = numba.njit(
+        nogil=True, cache=True, error_model="numpy", _nrt=False, forceinline=True
+    )(function)
     return cast(F, compiled)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
+from raymap.errors import NotARayMap
 from raymap.reader import RayMap
 
 __all__ = ["open"]
@@ -27,4 +28,13 @@ def open(path: Paths, *, on_damage: Literal["raise", "skip"] = "raise") -> RayMa
     ------
     NotARayMap, UnsupportedVersion, DamagedPortion, SceneMismatch
     """
-    return RayMap(Path(path), on_damage=on_damage)  # type: ignore[arg-type]
+    from raymap.shards import ShardedMap, shard_paths
+
+    if isinstance(path, str | os.PathLike):
+        place = Path(path)
+        if place.is_dir():
+            return ShardedMap(shard_paths(place), name=place, on_damage=on_damage)
+        return RayMap(place, on_damage=on_damage)
+    if not path:
+        raise NotARayMap("an empty list of maps was given")
+    return ShardedMap(list(path), on_damage=on_damage)

@@ -62,7 +62,6 @@ class RayMap:
     portions : complete portions in number order
     finished : the file ends with a footer
     runs : per run seed, parameters and, when it was finished, statistics
-    damage : what was found damaged so far
     on_damage : "raise" or "skip"
     torn_bytes : bytes behind the last complete chunk, of a portion that is being written or was cut
     """
@@ -72,7 +71,7 @@ class RayMap:
     ) -> None:
         self.path = Path(path)
         self.on_damage = on_damage
-        self.damage: list[Damage] = []
+        self._damage: list[Damage] = []
         self._damaged_lock = threading.Lock()
         self._merged_lock = threading.Lock()
         self._merged: MergedPaths | None = None
@@ -133,6 +132,21 @@ class RayMap:
         return total
 
     @property
+    def damage(self) -> list[Damage]:
+        """What was found damaged so far."""
+        return self._damage
+
+    @property
+    def shards(self) -> Sequence[RayMap]:
+        """The maps of which it is made: itself."""
+        return (self,)
+
+    @property
+    def own_channel_sets(self) -> list[ChannelSet]:
+        """Channel sets as this file numbers them."""
+        return self._own_channel_sets
+
+    @property
     def footer_chunk(self) -> Chunk | None:
         """The footer that ends the file."""
         return self._footer_chunk
@@ -186,7 +200,7 @@ class RayMap:
                 except FormatError as error:
                     chunk = self._footer_chunk
                     damage = Damage(None, chunk.offset, chunk.header.size, str(error))
-                    self._note(damage)
+                    self.note_damage(damage)
                     if self.on_damage == "raise":
                         raise self._error(damage) from None
                     self._footer_chunk = None
@@ -235,7 +249,7 @@ class RayMap:
                     continue
                 result = read_result(self.file, chunk, self.directory, self._channels)
             except FormatError as error:
-                self._note(Damage(None, offset, 0, f"detector result: {error}"))
+                self.note_damage(Damage(None, offset, 0, f"detector result: {error}"))
                 continue
             sums = result.sums if sums is None else sums + result.sums
             sums2 = result.sums2 if sums2 is None else sums2 + result.sums2
@@ -244,7 +258,9 @@ class RayMap:
                 for portion in self.portions
                 if result.first_portion <= portion.number < result.end_portion
             )
-        needed = {p.number for p in self.portions if p.channel_set == channel_set and p.n_rays}
+        needed = {
+            p.number for p in self.portions if p.index.meta.channel_set == channel_set and p.n_rays
+        }
         if sums is None or sums2 is None or not needed <= covered:
             return None
         return sums, sums2
@@ -254,22 +270,25 @@ class RayMap:
     def report_damage(self, index: IndexEntry, reason: str) -> DamagedPortion:
         """Remember damage and make the error that says so."""
         damage = Damage(index.meta.number, index.offset, index.size, reason)
-        self._note(damage)
+        self.note_damage(damage)
         return self._error(damage, index.meta.n_records)
 
-    def _note(self, damage: Damage) -> None:
+    def note_damage(self, damage: Damage) -> None:
+        """Remember damage, once."""
         with self._damaged_lock:
-            if all((d.offset, d.portion) != (damage.offset, damage.portion) for d in self.damage):
-                self.damage.append(damage)
+            if all((d.offset, d.portion) != (damage.offset, damage.portion) for d in self._damage):
+                self._damage.append(damage)
 
     def _error(self, damage: Damage, records: int | None = None) -> DamagedPortion:
         what = "bytes" if damage.portion is None else f"portion {damage.portion}"
         lost = "" if records is None else f"; {records} records are unreadable"
-        return DamagedPortion(
+        error = DamagedPortion(
             f"{what} of {str(self.path)!r}: {damage.reason} (bytes {damage.offset}–"
             f"{damage.offset + damage.length - 1}){lost}, other portions are intact; use "
             'on_damage="skip" to read them'
         )
+        error.reason = damage.reason
+        return error
 
     # -- loading -----------------------------------------------------------------------------
 
@@ -310,9 +329,9 @@ class RayMap:
             if any(e.meta.channel_set >= len(self._channels) for e in self._footer.portions):
                 raise FormatError("a portion names a channel set that the map does not have")
         except FormatError as error:
-            self._note(Damage(None, chunk.offset, chunk.header.size, f"footer: {error}"))
+            self.note_damage(Damage(None, chunk.offset, chunk.header.size, f"footer: {error}"))
             if self.on_damage == "raise":
-                raise self._error(self.damage[-1]) from None
+                raise self._error(self._damage[-1]) from None
             return False
         return True
 
@@ -351,17 +370,18 @@ class RayMap:
             self._footer.portions.append(IndexEntry(chunk.offset, chunk.header.size, meta))
             return
         if chunk.tag == CHANNELS:
-            self._set_channels([*self.channel_sets, read_channel_set(self.file, chunk)])
+            self._set_channels([*self._own_channel_sets, read_channel_set(self.file, chunk)])
         elif chunk.tag == RUN:
             self._footer.runs.append(read_run(self.file, chunk))
         self._footer.chunks.append((chunk.offset, chunk.tag))
 
     def _set_channels(self, channel_sets: list[ChannelSet]) -> None:
         self.channel_sets = channel_sets
+        self._own_channel_sets = channel_sets
         self._channels = [channel_set.n_channels for channel_set in channel_sets]
 
     def _found(self, damage: Damage) -> None:
-        self._note(damage)
+        self.note_damage(damage)
         if self.on_damage == "raise":
             raise self._error(damage)
 

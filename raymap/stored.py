@@ -53,9 +53,8 @@ class StoredPortion:
     """
 
     def __init__(self, map: RayMap, index: IndexEntry) -> None:
-        self._map = map
-        self._index = index
-        self.index = index
+        self._map = self.map = map
+        self._index = self.index = index
         meta = index.meta
         self.number = meta.number
         self.first_ray = meta.first_ray
@@ -278,6 +277,10 @@ class StoredPortion:
         """The streams as they lie in the chunk."""
         return self._header.streams
 
+    def chunk_bytes(self) -> bytes:
+        """The chunk as it lies in the file."""
+        return self._map.file.read(self._index.offset, self._index.size)
+
     # -- from the file -----------------------------------------------------------------------
 
     @cached_property
@@ -306,7 +309,7 @@ class StoredPortion:
         try:
             if name not in self._streams:
                 raise FormatError(f"stream {name!r} is missing")
-            column = decode_column(self._streams[name], self._fetch, rows)
+            column = decode_column(self._streams[name], self.fetch, rows)
             if column.dtype == wanted:
                 return column
             if column.dtype.kind in "iu" and wanted.kind in "iu":
@@ -315,7 +318,8 @@ class StoredPortion:
         except FormatError as error:
             raise self._damaged(str(error)) from None
 
-    def _fetch(self, entry: StreamEntry) -> bytes:
+    def fetch(self, entry: StreamEntry) -> bytes:
+        """The stored bytes of one stream."""
         return self._map.file.read(self._index.offset + entry.offset, entry.stored_size)
 
     def _damaged(self, reason: str) -> DamagedPortion:
@@ -602,7 +606,7 @@ class StoredPortion:
         entries = self._streams[f"x:{name}"]
         rows = self.n_records if entries[0].scope == Scope.RECORD else self.n_rays
         try:
-            return decode_column(entries, self._fetch, rows)
+            return decode_column(entries, self.fetch, rows)
         except FormatError as error:
             raise self._damaged(str(error)) from None
 

@@ -68,7 +68,6 @@ class RayMapWriter:
         self._owner = threading.get_ident()
         self._failure: BaseException | None = None
         self._finished = False
-        self._run_open = False
         self._run_first = 0
         self._written = 0
         last = [entry.meta for entry in self._footer.portions]
@@ -182,10 +181,10 @@ class RayMapWriter:
         """Runs recorded so far, this one included once `start_run` was called."""
         return self._footer.runs
 
-    def add_channel_set(self, channel_set: ChannelSet) -> int:
-        """Index of the channel set in the map; an equal one is not stored twice."""
+    def add_channel_set(self, channel_set: ChannelSet, *, again: bool = False) -> int:
+        """Index of the channel set in the map; an equal one is not stored twice (but ``again``)."""
         with self._turn:
-            if channel_set in self._channel_sets:
+            if channel_set in self._channel_sets and not again:
                 return self._channel_sets.index(channel_set)
             self._append(CHANNELS, pack_channel_set(channel_set))
             self._channel_sets.append(channel_set)
@@ -205,8 +204,13 @@ class RayMapWriter:
             }
             self._append(RUN, pack_run(run))
             self._footer.runs.append(run)
-            self._run_open = True
             self._run_first = self._next_portion
+
+    def copy_run(self, run: Mapping[str, Any]) -> None:
+        """Take over a run from another map as it is described there."""
+        with self._turn:
+            self._append(RUN, pack_run(run))
+            self._footer.runs.append(dict(run))
 
     # -- portions ------------------------------------------------------------------------------
 
@@ -264,6 +268,12 @@ class RayMapWriter:
                     raise
                 finally:
                     self._turn.notify_all()
+
+    def copy_portion(self, encoded: EncodedPortion) -> None:
+        """Write a portion of another map next, whatever numbers are missing before it."""
+        with self._turn:
+            self._check_open()
+            self._write_portion(encoded)
 
     def append(self, portion: Portion) -> None:
         """Encode and commit a portion as the next one; its rays are numbered on from the last."""

@@ -1,0 +1,383 @@
+"""Rows for the data-frame world: Arrow, Parquet and CSV, streamed portion by portion."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from raymap.errors import DamagedPortion, MapExists, RayMapError
+from raymap.portion import Portion
+from raymap.reader import RayMap
+from raymap.rows import take_rays
+from raymap.schema import COLOR_SCALE, NORMAL_SCALE, UV_SCALE
+from raymap.selection import places_in, replacing
+
+__all__ = ["batches", "export", "schema_of"]
+
+Rows = Literal["rays", "segments"]
+_BATCH = 2**16
+_KINDS = (".parquet", ".arrow", ".csv")
+
+
+def export(
+    ray_map: RayMap,
+    path: str | os.PathLike[str],
+    *,
+    rows: Rows = "segments",
+    ray_ids: NDArray[np.int64] | None = None,
+    force: bool = False,
+) -> int:
+    """Write rays as a table; memory does not grow with the map.
+
+    Parameters
+    ----------
+    path : ``*.parquet``, ``*.arrow`` (Arrow IPC file), ``*.csv``, or a folder, which gets one
+        Parquet file per portion
+    rows : "segments": one row per segment record; "rays": one row per ray, its records nested
+    ray_ids : only these rays, increasing; None: all
+    force : replace an existing file
+
+    Returns
+    -------
+    n : rows written
+    """
+    target = Path(path)
+    if target.exists() and not force and not (target.is_dir() and not any(target.iterdir())):
+        raise MapExists(f"{target} exists: choose another name, or replace it with --force")
+    schema = schema_of(ray_map, rows)
+    if target.suffix not in _KINDS:
+        return _export_folder(ray_map, target, schema, rows, ray_ids)
+    writer: Callable[[Path, pa.Schema, Iterator[pa.RecordBatch]], int]
+    writer = {".parquet": _parquet, ".arrow": _ipc, ".csv": _csv}[target.suffix]
+    with replacing(target) as temporary:
+        return writer(temporary, schema, batches(ray_map, rows, ray_ids, schema))
+
+
+def schema_of(ray_map: RayMap, rows: Rows) -> pa.Schema:
+    """The columns, with the scene's directory in the metadata."""
+    name = pa.dictionary(pa.int32(), pa.string())
+    color = pa.list_(pa.float32())
+    descriptor = pa.struct(
+        [
+            ("detector", pa.string()),
+            ("cell_u", pa.uint16()),
+            ("cell_v", pa.uint16()),
+            ("cosine", pa.float32()),
+            ("u", pa.float32()),
+            ("v", pa.float32()),
+            ("registered", pa.bool_()),
+        ]
+    )
+    record = [
+        ("object", name),
+        ("face", name),
+        ("medium", name),
+        ("triangle", pa.int32()),
+        *((axis, pa.float32()) for axis in ("x", "y", "z", "nx", "ny", "nz")),
+        ("event", pa.int32()),
+        ("color", color),
+        ("descriptors", pa.list_(descriptor)),
+    ]
+    if rows == "segments":
+        fields = [("ray_id", pa.int64()), ("step", pa.int32()), ("source", name), *record]
+        fields.insert(-1, ("weight", pa.float32()))
+    else:
+        fields = [
+            ("ray_id", pa.int64()),
+            ("source", name),
+            ("weight", pa.float32()),
+            ("segments", pa.list_(pa.struct(record))),
+        ]
+    return pa.schema(fields, metadata=_metadata(ray_map))
+
+
+def _metadata(ray_map: RayMap) -> dict[str, str]:
+    directory = ray_map.directory
+    return {
+        "raymap.directory": directory.model_dump_json(exclude_defaults=True),
+        "raymap.channel_sets": json.dumps(
+            [channels.model_dump(mode="json") for channels in ray_map.channel_sets]
+        ),
+        "raymap.emitted": json.dumps(
+            {
+                source.name: int(count)
+                for source, count in zip(directory.sources, ray_map.emitted, strict=True)
+            }
+        ),
+        "raymap.flux": "flux of a ray = source flux x weight / rays emitted by that source",
+    }
+
+
+def batches(
+    ray_map: RayMap,
+    rows: Rows,
+    ray_ids: NDArray[np.int64] | None = None,
+    schema: pa.Schema | None = None,
+) -> Iterator[pa.RecordBatch]:
+    """Record batches of the map's rays, in order of their numbers."""
+    schema = schema or schema_of(ray_map, rows)
+    build = _segments if rows == "segments" else _rays
+    names = _Names(ray_map)
+    for stored in ray_map.portions:
+        places: NDArray[np.int64] | None = None
+        if ray_ids is not None:
+            places = places_in(stored, ray_ids)
+            if not len(places):
+                continue
+        try:
+            portion = stored.read()
+            ids = stored.ray_ids()
+            if places is not None:
+                ids = ids[places]
+                portion = take_rays(portion, places, ids)
+            faces = names.faces_of(portion)
+        except DamagedPortion:
+            if ray_map.on_damage == "raise":
+                raise
+            continue
+        table = build(portion, ids, faces, names, schema)
+        yield from table.to_batches(max_chunksize=_BATCH)
+
+
+class _Names:
+    """Names of a map's directory as Arrow arrays, and the columns that refer to them."""
+
+    def __init__(self, ray_map: RayMap) -> None:
+        directory = ray_map.directory
+        self.table = directory.faces
+        self.detectors = pa.array([d.name for d in directory.detectors], pa.string())
+        self._values = {
+            "source": pa.array([source.name for source in directory.sources], pa.string()),
+            "object": pa.array([item.name for item in directory.objects], pa.string()),
+            "medium": pa.array([medium.name for medium in directory.media], pa.string()),
+            "face": pa.array(
+                [face.name for item in directory.objects for face in item.faces], pa.string()
+            ),
+        }
+
+    def column(self, kind: str, indices: NDArray[Any]) -> pa.Array:
+        """Indices as dictionary-encoded names; -1 becomes null."""
+        codes = pa.array(indices.astype(np.int32), mask=indices < 0)
+        return pa.DictionaryArray.from_arrays(codes, self._values[kind])
+
+    def faces_of(self, portion: Portion) -> NDArray[np.int32]:
+        """Face index of each record."""
+        from raymap.itineraries import assign_faces
+
+        faces = np.empty(portion.n_records, np.int32)
+        assign_faces(
+            portion.object,
+            portion.triangle,
+            self.table.first_face,
+            self.table.first_primitive,
+            self.table.primitive_count,
+            faces,
+        )
+        return faces
+
+
+def _records(portion: Portion, faces: NDArray[np.int32], names: _Names) -> dict[str, pa.Array]:
+    """The columns of segment records."""
+    normal = portion.normal.astype(np.float32) / NORMAL_SCALE
+    return {
+        "object": names.column("object", portion.object),
+        "face": names.column("face", faces),
+        "medium": names.column("medium", portion.medium),
+        "triangle": pa.array(portion.triangle),
+        **{axis: pa.array(np.ascontiguousarray(portion.position[:, k])) for k, axis in _AXES},
+        **{f"n{axis}": pa.array(np.ascontiguousarray(normal[:, k])) for k, axis in _AXES},
+        "event": pa.array(portion.event),
+        "color": _colors(portion),
+        "descriptors": _descriptors(portion, names),
+    }
+
+
+_AXES = tuple(enumerate("xyz"))
+
+
+def _colors(portion: Portion) -> pa.Array:
+    """Shares of the channels as lists, from codes."""
+    channels = portion.color_table.shape[1]
+    pure = np.eye(channels, dtype=np.float32)
+    mixed = (portion.color_table / COLOR_SCALE).astype(np.float32)
+    colors = np.concatenate((pure, mixed))[portion.color_code]
+    offsets = np.arange(0, colors.size + 1, channels, dtype=np.int32)
+    return pa.ListArray.from_arrays(pa.array(offsets), pa.array(colors.reshape(-1)))
+
+
+def _descriptors(portion: Portion, names: _Names) -> pa.Array:
+    d = portion.descriptors
+    cosine = d.cosine.astype(np.float32) / NORMAL_SCALE
+    uv = d.uv.astype(np.float32) / UV_SCALE
+    values = pa.StructArray.from_arrays(
+        [
+            names.detectors.take(pa.array(d.detector)),
+            pa.array(np.ascontiguousarray(d.cell[:, 0])),
+            pa.array(np.ascontiguousarray(d.cell[:, 1])),
+            pa.array(cosine),
+            pa.array(np.ascontiguousarray(uv[:, 0])),
+            pa.array(np.ascontiguousarray(uv[:, 1])),
+            pa.array(d.registered),
+        ],
+        ["detector", "cell_u", "cell_v", "cosine", "u", "v", "registered"],
+    )
+    offsets = np.zeros(portion.n_records + 1, np.int32)
+    np.cumsum(portion.descriptor_count, out=offsets[1:])
+    return pa.ListArray.from_arrays(pa.array(offsets), values)
+
+
+def _weights(portion: Portion) -> NDArray[np.float32]:
+    return np.ones(portion.n_rays, np.float32) if portion.weight is None else portion.weight
+
+
+def _segments(
+    portion: Portion,
+    ids: NDArray[np.int64],
+    faces: NDArray[np.int32],
+    names: _Names,
+    schema: pa.Schema,
+) -> pa.Table:
+    counts = portion.records_per_ray
+    starts = np.cumsum(counts) - counts
+    step = np.arange(portion.n_records) - np.repeat(starts, counts)
+    columns = {
+        "ray_id": pa.array(np.repeat(ids, counts)),
+        "step": pa.array(step.astype(np.int32)),
+        "source": names.column("source", np.repeat(portion.source, counts)),
+        "weight": pa.array(np.repeat(_weights(portion), counts)),
+        **_records(portion, faces, names),
+    }
+    return pa.table([columns[name] for name in schema.names], schema=schema)
+
+
+def _rays(
+    portion: Portion,
+    ids: NDArray[np.int64],
+    faces: NDArray[np.int32],
+    names: _Names,
+    schema: pa.Schema,
+) -> pa.Table:
+    records = _records(portion, faces, names)
+    nested = schema.field("segments").type
+    offsets = np.zeros(portion.n_rays + 1, np.int32)
+    np.cumsum(portion.records_per_ray, out=offsets[1:])
+    values = pa.StructArray.from_arrays(
+        list(records.values()), fields=list(nested.value_type.fields)
+    )
+    columns = [
+        pa.array(ids),
+        names.column("source", portion.source),
+        pa.array(_weights(portion)),
+        pa.ListArray.from_arrays(pa.array(offsets), values),
+    ]
+    return pa.table(columns, schema=schema)
+
+
+def _parquet(path: Path, schema: pa.Schema, rows: Iterator[pa.RecordBatch]) -> int:
+    import pyarrow.parquet as pq
+
+    n = 0
+    with pq.ParquetWriter(path, schema, compression="zstd") as writer:
+        for batch in rows:
+            writer.write_batch(batch)
+            n += batch.num_rows
+    return n
+
+
+def _ipc(path: Path, schema: pa.Schema, rows: Iterator[pa.RecordBatch]) -> int:
+    n = 0
+    with pa.ipc.new_file(path, schema) as writer:
+        for batch in rows:
+            writer.write_batch(batch)
+            n += batch.num_rows
+    return n
+
+
+def _csv(path: Path, schema: pa.Schema, rows: Iterator[pa.RecordBatch]) -> int:
+    """Lists have no place in CSV: colours become one column per channel, descriptors their number.
+
+    Raises
+    ------
+    RayMapError
+        Rows are nested rays.
+    """
+    import pyarrow.csv as pa_csv
+
+    if "segments" in schema.names:
+        raise RayMapError('CSV has no nested rows: export with rows="segments", or to Parquet')
+    sets = json.loads(schema.metadata[b"raymap.channel_sets"])
+    channels = max((len(each["wavelengths_nm"]) for each in sets), default=0)
+    flat = pa.schema(
+        [
+            *(field for field in schema if field.name not in ("color", "descriptors")),
+            *((f"color_{k}", pa.float32()) for k in range(channels)),
+            ("descriptors", pa.int32()),
+        ]
+    )
+    flat = pa.schema(
+        [f.with_type(pa.string()) if pa.types.is_dictionary(f.type) else f for f in flat]
+    )
+    n = 0
+    with pa_csv.CSVWriter(path, flat) as writer:
+        for batch in rows:
+            writer.write_batch(_flattened(batch, flat, channels))
+            n += batch.num_rows
+    return n
+
+
+def _flattened(batch: pa.RecordBatch, flat: pa.Schema, channels: int) -> pa.RecordBatch:
+    import pyarrow.compute as pc
+
+    colors = batch.column("color")
+    lengths = pc.list_value_length(colors)
+    columns = []
+    for field in flat:
+        if field.name.startswith("color_"):
+            channel = int(field.name[6:])
+            safe = pc.if_else(pc.greater(lengths, channel), colors, None)
+            columns.append(pc.list_element(safe, channel) if len(batch) else _empty(field.type))
+        elif field.name == "descriptors":
+            columns.append(pc.list_value_length(batch.column("descriptors")))
+        else:
+            columns.append(batch.column(field.name).cast(field.type))
+    return pa.record_batch(columns, schema=flat)
+
+
+def _empty(kind: pa.DataType) -> pa.Array:
+    return pa.array([], kind)
+
+
+def _export_folder(
+    ray_map: RayMap,
+    folder: Path,
+    schema: pa.Schema,
+    rows: Rows,
+    ray_ids: NDArray[np.int64] | None,
+) -> int:
+    folder.mkdir(parents=True, exist_ok=True)
+    n = 0
+    part = 0
+    pending: list[pa.RecordBatch] = []
+
+    def flush() -> None:
+        nonlocal part
+        with replacing(folder / f"part-{part:05d}.parquet") as temporary:
+            _parquet(temporary, schema, iter(pending))
+        pending.clear()
+        part += 1
+
+    for batch in batches(ray_map, rows, ray_ids, schema):
+        pending.append(batch)
+        n += batch.num_rows
+        if sum(each.num_rows for each in pending) >= _BATCH * 16:
+            flush()
+    if pending or part == 0:
+        flush()
+    return n

@@ -1,0 +1,122 @@
+"""Write the sound parts of a map as a sound map."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raymap.encoder import EncodedPortion
+from raymap.errors import MapExists
+from raymap.kernels import kernel
+from raymap.reader import RayMap
+from raymap.schema import COLOR_SCALE
+from raymap.selection import replacing
+from raymap.stored import StoredPortion
+from raymap.verify import portion_problem
+from raymap.writer import RayMapWriter
+
+__all__ = ["add_meetings", "repair"]
+
+Sums = NDArray[np.float64]
+
+
+def repair(ray_map: RayMap, path: str | os.PathLike[str], *, force: bool = False) -> int:
+    """Write a map of all sound portions, with footer and detector results made anew.
+
+    Parameters
+    ----------
+    ray_map : opened with ``on_damage="skip"``; one file, finished or not
+    path : of the new map
+
+    Returns
+    -------
+    n : portions written; they are copied byte for byte
+    """
+    target = Path(path)
+    if target.exists() and not force:
+        raise MapExists(f"{target} exists: choose another name, or replace it with --force")
+    with (
+        replacing(target) as temporary,
+        RayMapWriter.create(
+            temporary, ray_map.directory, meshes=ray_map.meshes, trusted=True
+        ) as writer,
+    ):
+        for channel_set in ray_map.channel_sets:
+            writer.add_channel_set(channel_set, again=True)
+        runs = sorted(ray_map.runs, key=lambda run: int(run.get("first_portion") or 0))
+        written = 0
+        results: dict[tuple[int, int], tuple[Sums, Sums]] = {}
+        for portion in ray_map.portions:
+            while runs and int(runs[0].get("first_portion") or 0) <= portion.number:
+                writer.copy_run(runs.pop(0))
+            problem = portion_problem(portion)
+            if problem is not None:
+                ray_map.report_damage(portion.index, problem)
+                continue
+            writer.copy_portion(_as_encoded(portion))
+            written += 1
+            _count_meetings(portion, results)
+        for (detector, index), (sums, sums2) in results.items():
+            writer.add_detector_result(detector, sums, sums2, channel_set=index)
+        writer.finish()
+    return written
+
+
+def _as_encoded(portion: StoredPortion) -> EncodedPortion:
+    return EncodedPortion(
+        meta=portion.index.meta,
+        buffers=[portion.chunk_bytes()],
+        size=portion.index.size,
+        paths=portion.paths() if portion.has_paths else None,
+    )
+
+
+def _count_meetings(
+    portion: StoredPortion, results: dict[tuple[int, int], tuple[Sums, Sums]]
+) -> None:
+    for detector, described in enumerate(portion.map.directory.detectors):
+        columns, rows = described.cells
+        channels = portion.map.channel_sets[portion.channel_set].n_channels
+        key = detector, portion.channel_set
+        if key not in results:
+            shape = (rows, columns, channels)
+            results[key] = np.zeros(shape), np.zeros(shape)
+        add_meetings(portion, detector, *results[key])
+
+
+def add_meetings(portion: StoredPortion, detector: int, sums: Sums, sums2: Sums) -> None:
+    """Add what a detector registered in a portion.
+
+    Parameters
+    ----------
+    sums, sums2 : (cells_v, cells_u, n_channels), Σ w·c and Σ (w·c)² of registered meetings
+    """
+    if not portion.n_descriptors:
+        return
+    meetings = portion.descriptors()
+    counts = portion.column("descriptor_count")
+    counted = (meetings.detector == detector) & meetings.registered
+    records = np.repeat(np.arange(portion.n_records), counts)[counted]
+    rays = np.searchsorted(portion.record_offsets(), records, side="right") - 1
+    weight = portion.column("weight")[rays]
+    colors = portion.column("color")[records]
+    _count(meetings.cell[counted], weight, colors, sums, sums2)
+
+
+@kernel
+def _count(
+    cell: NDArray[np.uint16],
+    weight: NDArray[np.float32],
+    colors: NDArray[np.uint16],
+    sums: Sums,
+    sums2: Sums,
+) -> None:
+    """Add w·c of each meeting to its cell."""
+    for k in range(weight.size):
+        for channel in range(colors.shape[1]):
+            value = np.float64(weight[k]) * colors[k, channel] / COLOR_SCALE
+            sums[cell[k, 1], cell[k, 0], channel] += value
+            sums2[cell[k, 1], cell[k, 0], channel] += value * value

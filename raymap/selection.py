@@ -1,0 +1,170 @@
+"""Save some rays of a map as a map: numbers, columns and emitted counts are kept."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raymap.errors import DamagedPortion, MapExists
+from raymap.portion import Descriptors, Portion
+from raymap.reader import RayMap
+from raymap.rows import can_join, join_portions, take_rays
+from raymap.schema import PORTION_RAYS, PORTION_RECORDS
+from raymap.stored import StoredPortion
+from raymap.writer import RayMapWriter
+
+__all__ = ["copy_selection", "places_in", "replacing"]
+
+
+def copy_selection(
+    ray_map: RayMap,
+    ray_ids: NDArray[np.int64],
+    path: str | os.PathLike[str],
+    *,
+    force: bool = False,
+    description: str = "",
+) -> int:
+    """Write the rays of the given numbers as a map of their own.
+
+    The new map is a full ray map: original ray numbers, all columns, and the emitted counts of the
+    whole parent, so that fluxes come out the same.
+
+    Parameters
+    ----------
+    ray_ids : increasing; numbers that the map does not hold are left out
+    force : replace an existing file
+    description : of the selection, for people; kept with the run
+
+    Returns
+    -------
+    n : rays written
+    """
+    target = Path(path)
+    if target.exists() and not force:
+        raise MapExists(f"{target} exists: choose another name, or replace it with --force")
+    wanted = np.unique(np.asarray(ray_ids, np.int64))
+    with (
+        replacing(target) as temporary,
+        RayMapWriter.create(
+            temporary, ray_map.directory, meshes=ray_map.meshes, trusted=True
+        ) as writer,
+    ):
+        for channel_set in ray_map.channel_sets:
+            writer.add_channel_set(channel_set)
+        seeds = [run.get("seed") for run in ray_map.runs]
+        writer.start_run(
+            seed=seeds[0] if len(set(seeds)) == 1 else None,
+            parameters={"selection_of": str(ray_map.path), "selection": description},
+        )
+        written = 0
+        for portion in _joined(_selected(ray_map, wanted)):
+            writer.append(portion)
+            written += portion.n_rays
+        writer.finish()
+    return written
+
+
+def places_in(portion: StoredPortion, wanted: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Places in the portion of those of the increasing ray numbers that it holds."""
+    low = np.searchsorted(wanted, portion.first_ray)
+    high = np.searchsorted(wanted, portion.last_ray, side="right")
+    inside = wanted[low:high]
+    if not len(inside):
+        return inside
+    ids = portion.ray_ids()
+    places = np.searchsorted(ids, inside)
+    found = ids[np.minimum(places, len(ids) - 1)] == inside
+    kept: NDArray[np.int64] = places[found].astype(np.int64)
+    return kept
+
+
+def _selected(ray_map: RayMap, wanted: NDArray[np.int64]) -> Iterator[Portion]:
+    """The wanted rays portion by portion; portions without any give their emitted counts."""
+    emitted = np.zeros(len(ray_map.directory.sources), np.int64)
+    last: Portion | None = None
+    for stored in ray_map.portions:
+        try:
+            places = places_in(stored, wanted)
+            if len(places):
+                ids = stored.ray_ids()[places]
+                taken = take_rays(stored.read(), places, ids)
+            else:
+                taken = None
+        except DamagedPortion:
+            if ray_map.on_damage == "raise":
+                raise
+            continue
+        if taken is None:
+            emitted += stored.emitted
+            continue
+        if last is not None:
+            yield last
+        last = taken
+    if last is None:
+        last = _empty(ray_map)
+    # The emitted counts of portions without a wanted ray go with the last one
+    yield _with_emitted(last, last.emitted + emitted)
+
+
+def _with_emitted(portion: Portion, emitted: NDArray[np.int64]) -> Portion:
+    return dataclasses.replace(portion, emitted=emitted)
+
+
+def _empty(ray_map: RayMap) -> Portion:
+    """A portion without rays."""
+    channels = ray_map.channel_sets[0].n_channels if ray_map.channel_sets else 3
+    return Portion(
+        emitted=np.zeros(len(ray_map.directory.sources), np.int64),
+        source=np.empty(0, np.int16),
+        records_per_ray=np.empty(0, np.int32),
+        position=np.empty((0, 3), np.float32),
+        normal=np.empty((0, 3), np.int16),
+        object=np.empty(0, np.int16),
+        triangle=np.empty(0, np.int32),
+        event=np.empty(0, np.int32),
+        medium=np.empty(0, np.int16),
+        color_code=np.empty(0, np.int32),
+        color_table=np.empty((0, channels), np.uint16),
+        descriptor_count=np.empty(0, np.uint16),
+        descriptors=Descriptors(
+            detector=np.empty(0, np.int16),
+            cell=np.empty((0, 2), np.uint16),
+            cosine=np.empty(0, np.int16),
+            uv=np.empty((0, 2), np.uint16),
+            registered=np.empty(0, np.bool_),
+        ),
+    )
+
+
+def _joined(portions: Iterator[Portion]) -> Iterator[Portion]:
+    """Portions of the usual size from small ones."""
+    waiting: list[Portion] = []
+    rays = records = 0
+    for portion in portions:
+        full = rays + portion.n_rays > PORTION_RAYS or records + portion.n_records > PORTION_RECORDS
+        if waiting and (full or not can_join(waiting[0], portion)):
+            yield join_portions(waiting)
+            waiting, rays, records = [], 0, 0
+        waiting.append(portion)
+        rays += portion.n_rays
+        records += portion.n_records
+    if waiting:
+        yield join_portions(waiting) if len(waiting) > 1 else waiting[0]
+
+
+@contextlib.contextmanager
+def replacing(target: Path) -> Iterator[Path]:
+    """A name beside the target; the file there takes the target's place if all goes well."""
+    temporary = target.with_name(f".{target.name}.{os.getpid()}.part")
+    try:
+        yield temporary
+        os.replace(temporary, target)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise

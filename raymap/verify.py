@@ -1,0 +1,145 @@
+"""Read all of a map and say what is sound."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from raymap.checks import check_portion
+from raymap.dictionary import PathMerger
+from raymap.errors import DamagedPortion, FormatError, InvalidPortion
+from raymap.layout import CHANNELS, DETECTOR, RUN
+from raymap.paths import PathDictionary
+from raymap.reader import Damage, RayMap
+from raymap.results import read_result
+from raymap.stored import StoredPortion
+from raymap.streams import decode_bytes
+
+__all__ = ["Verification", "portion_problem", "verify"]
+
+
+@dataclass(kw_only=True)
+class Verification:
+    """What was found in a map.
+
+    Attributes
+    ----------
+    portions, good : portions found, and those that are sound in every byte
+    rays_readable : rays of the sound ones
+    finished : the map ends with a footer
+    torn_bytes : bytes of a portion that was being written when the recording ended
+    damage : everything else
+    """
+
+    portions: int = 0
+    good: int = 0
+    rays_readable: int = 0
+    finished: bool = False
+    torn_bytes: int = 0
+    damage: list[Damage] = field(default_factory=list)
+
+    def as_json(self) -> dict[str, Any]:
+        return {
+            "portions": self.portions,
+            "good": self.good,
+            "damaged": [
+                {"portion": d.portion, "offset": d.offset, "length": d.length, "reason": d.reason}
+                for d in self.damage
+            ],
+            "rays_readable": self.rays_readable,
+            "finished": self.finished,
+            "torn_bytes": self.torn_bytes,
+        }
+
+
+def verify(ray_map: RayMap) -> Verification:
+    """Check every byte of a map, or of all maps of which it is made; damage never raises here."""
+    result = Verification(finished=ray_map.finished)
+    for shard in ray_map.shards:
+        with RayMap(shard.path, on_damage="skip") as own:
+            _verify_file(own, result)
+    return result
+
+
+def _verify_file(ray_map: RayMap, result: Verification) -> None:
+    merger = PathMerger()
+    sound = True
+    for portion in ray_map.portions:
+        problem = portion_problem(portion)
+        result.portions += 1
+        if problem is None:
+            result.good += 1
+            result.rays_readable += portion.n_rays
+            if portion.has_paths:
+                merger.add(portion.paths())
+        else:
+            sound = False
+            ray_map.report_damage(portion.index, problem)
+    result.portions += sum(d.portion is not None and d.length > 0 for d in _lost(ray_map))
+    result.torn_bytes += ray_map.torn_bytes
+    _check_others(ray_map)
+    merged = ray_map.merged
+    if merged is not None and sound and ray_map.footer_chunk is not None:
+        difference = _difference(merged.paths, merger.dictionary())
+        if difference:
+            chunk = ray_map.footer_chunk
+            ray_map.note_damage(
+                Damage(None, chunk.offset, chunk.header.size, f"merged dictionary: {difference}")
+            )
+    result.damage += ray_map.damage
+
+
+def _lost(ray_map: RayMap) -> list[Damage]:
+    """Damage of portions that are not in the list of portions any more."""
+    listed = {portion.number for portion in ray_map.portions}
+    return [d for d in ray_map.damage if d.portion is not None and d.portion not in listed]
+
+
+def portion_problem(portion: StoredPortion) -> str | None:
+    """What is wrong with a stored portion, None if it is sound in every byte."""
+    try:
+        for entry in portion.stream_table():
+            decode_bytes(entry, portion.fetch(entry))
+        content = portion.read()
+        check_portion(content, portion.map.directory, portion.map.channel_sets[portion.channel_set])
+    except DamagedPortion as error:
+        return getattr(error, "reason", None) or str(error)
+    except (FormatError, InvalidPortion) as error:
+        return str(error)
+    return None
+
+
+def _check_others(ray_map: RayMap) -> None:
+    """Chunks that are no portions."""
+    channels = [channel_set.n_channels for channel_set in ray_map.channel_sets]
+    for offset, tag in ray_map.other_chunks:
+        try:
+            chunk = ray_map.file.chunk_at(offset, ray_map.bytes)
+            if chunk.tag != tag:
+                raise FormatError("another chunk lies in its place")
+            for entry in chunk.header.streams:
+                decode_bytes(entry, ray_map.file.stored(chunk, entry))
+            if tag == DETECTOR:
+                read_result(ray_map.file, chunk, ray_map.directory, channels)
+        except FormatError as error:
+            name = {CHANNELS: "channel set", RUN: "run", DETECTOR: "detector result"}.get(tag)
+            ray_map.note_damage(Damage(None, offset, 0, f"{name or 'chunk'}: {error}"))
+
+
+def _difference(a: PathDictionary, b: PathDictionary) -> str:
+    """In words, where two dictionaries differ; sums may differ by rounding."""
+    for name in ("source", "offsets", "object", "face", "event", "medium", "rays"):
+        if not np.array_equal(getattr(a, name), getattr(b, name)):
+            return f"{name} contradicts the portions"
+    for name in ("detector_offsets", "detector", "registered"):
+        if not np.array_equal(getattr(a, name), getattr(b, name)):
+            return f"{name} contradicts the portions"
+    for name in ("sum_w", "sum_w2"):
+        if not np.allclose(getattr(a, name), getattr(b, name), rtol=1e-9, atol=0):
+            return f"{name} contradicts the portions"
+    for x, y in zip(a.sum_wc, b.sum_wc, strict=False):
+        if x.shape != y.shape or not np.allclose(x, y, rtol=1e-9, atol=1e-12):
+            return "sums of colour contradict the portions"
+    return ""
