@@ -222,6 +222,7 @@ def grow_tree(
     start: Array,
     max_events: int,
     tolerance: float,
+    coherent: bool,
     scratch: TreeScratch,
     exits: Array,
 ) -> tuple[int, float, float, float]:
@@ -235,6 +236,7 @@ def grow_tree(
     start : (NODE,) the root, weight 1
     max_events : branches that need more surface events than this are truncated
     tolerance : flux that may be left out; 0 grows everything
+    coherent : carry phases along, so that fields of exits may be summed
     exits : (capacity, EXIT), filled
 
     Returns
@@ -281,10 +283,13 @@ def grow_tree(
         z = node[2] + t * node[8]
 
         # Carry phase and absorption along
-        path = t * (node[3] * node[6] + node[4] * node[7] + node[5] * node[8])
-        turn = complex(math.cos(k0 * path), math.sin(k0 * path))
         for i in range(3):
-            field[i] = complex(node[9 + i], node[12 + i]) * turn
+            field[i] = complex(node[9 + i], node[12 + i])
+        if coherent:
+            path = k0 * t * (node[3] * node[6] + node[4] * node[7] + node[5] * node[8])
+            turn = complex(math.cos(path), math.sin(path))
+            for i in range(3):
+                field[i] *= turn
         if body >= 0:
             rate = ray_absorption(
                 media[body], node[3], node[4], node[5], field[0], field[1], field[2]

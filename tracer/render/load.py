@@ -19,7 +19,7 @@ from raymap.errors import MissingExtra, SceneError
 from tracer.crystals.bodies import CrystalBody, box, calcite_rhomb, convex_body, mesh_body
 from tracer.crystals.media import Crystal, calcite, rotation_between
 from tracer.render.camera import Camera
-from tracer.render.renderer import HALF_STEP, RenderScene
+from tracer.render.renderer import RenderScene
 from tracer.render.room import WALLS, Room, checker_board, uniform
 from tracer.render.spectra import visible_wavelengths
 
@@ -127,7 +127,7 @@ class RenderModel(_Model):
     """Depth of the tree and what may be left out."""
 
     depth: Annotated[int, Field(ge=1)] = 15
-    pruning_error: Annotated[float, Field(ge=0)] = HALF_STEP
+    pruning_error: Annotated[float, Field(ge=0)] = 0.5
 
 
 class SceneModel(_Model):

@@ -10,12 +10,97 @@ import numpy as np
 from raymap.kernels import kernel
 from tracer.crystals.bodies import BodyArrays
 from tracer.crystals.rows import EPS_ORDINARY
-from tracer.crystals.tree import EXIT, NODE, grow_tree, next_boundary, tree_scratch
+from tracer.crystals.tree import (
+    EXIT,
+    NODE,
+    TreeScratch,
+    grow_tree,
+    next_boundary,
+    tree_scratch,
+)
 from tracer.render.room import RoomArrays, wall_radiance
 
 __all__ = ["render_rays"]
 
 Array = np.ndarray[Any, np.dtype[Any]]
+
+
+_FIRST = 24.0
+"""Times more than the darkest pixel may leave out that the first ray of a row is tried with."""
+
+_CLOSER = 0.85
+"""The next ray is tried with what the last one would have needed, and a little less."""
+
+
+@kernel
+def _srgb_slope(value: float) -> float:
+    """Slope of the sRGB curve, steepest in the dark."""
+    if value <= 0.0031308:
+        return 12.92
+    slope: float = 0.43958333333333333 * min(value, 1.0) ** (-0.58333333333333333)
+    return slope
+
+
+@kernel
+def _tree_radiance(
+    bodies: BodyArrays,
+    room: RoomArrays,
+    media: Array,
+    wavelength_nm: float,
+    primaries: Array,
+    start: Array,
+    max_events: int,
+    tolerance: float,
+    scratch: TreeScratch,
+    exits: Array,
+) -> tuple[float, float, float]:
+    """Light that the branches of one tree see; shares pruned and truncated."""
+    n = math.sqrt(media[media.shape[0] - 1, EPS_ORDINARY])
+    for c in range(3):
+        start[3 + c] = n * start[6 + c]
+    count, left_out, cut, _ = grow_tree(
+        bodies,
+        media,
+        2e6 * math.pi / wavelength_nm,
+        start,
+        max_events,
+        tolerance,
+        False,
+        scratch,
+        exits,
+    )
+    total = 0.0
+    for k in range(count):
+        row = exits[k]
+        texel = wall_radiance(room, row[0], row[1], row[2], row[6], row[7], row[8])
+        if texel >= 0:
+            emitted = 0.0
+            for c in range(3):
+                emitted += room.texels[texel, c] * primaries[c]
+            total += row[15] * emitted
+    return total, left_out, cut
+
+
+@kernel
+def _allowance(
+    radiance: Array, pruned: Array, weights: Array, bounds: Array, base: Array, steps: float
+) -> tuple[bool, float]:
+    """Whether a ray is within its error, and how many times the base tolerances it may leave out.
+
+    Errors may grow where the sRGB curve is flat, so the allowance comes from the colour found.
+    """
+    factor = np.inf
+    enough = True
+    for c in range(3):
+        value = 0.0
+        error = 0.0
+        for w in range(weights.shape[0]):
+            value += weights[w, c] * radiance[w]
+            error += bounds[w, c] * pruned[w]
+        allowed = steps / 255.0 / _srgb_slope(value - error)
+        enough = enough and error <= allowed
+        factor = min(factor, allowed / base[c])
+    return enough, max(factor, 1.0)
 
 
 @kernel
@@ -30,6 +115,10 @@ def render_rays(
     analyser: Array,
     max_events: int,
     tolerance: Array,
+    weights: Array,
+    bounds: Array,
+    base: Array,
+    steps: float,
     capacity: int,
     radiance: Array,
     pruned: Array,
@@ -47,7 +136,11 @@ def render_rays(
     media : (m, n_bodies + 1, ROW)
     primaries : (m, 3) emission of red, green, blue walls
     origin, direction, analyser : (n, 3)
-    tolerance : (m,) share that may be left out
+    tolerance : (m,) share that may be left out at each wavelength in the darkest pixel; 0 = nothing
+    weights : (m, 3) radiance to linear sRGB
+    bounds : (m, 3) largest change of linear sRGB by a share 1 at one wavelength
+    base : (3,) sum of bounds times tolerance
+    steps : error allowed by pruning, in 8-bit steps of sRGB
     capacity : of waiting branches, and of exits
     radiance, pruned, truncated : (n, m), written; the last two are shares
     """
@@ -55,6 +148,7 @@ def render_rays(
     exits = np.zeros((capacity, EXIT))
     start = np.zeros(NODE)
     stack = np.zeros(64, np.int64)
+    factor = _FIRST
     for i in range(origin.shape[0]):
         dx, dy, dz = direction[i, 0], direction[i, 1], direction[i, 2]
         polarised = analyser[i, 0] ** 2 + analyser[i, 1] ** 2 + analyser[i, 2] ** 2 > 0.5
@@ -73,41 +167,38 @@ def render_rays(
                         radiance[i, w] += half * room.texels[texel, c] * primaries[w, c]
             continue
 
-        for w in range(wavelengths_nm.shape[0]):
-            # Root of the tree
-            n = math.sqrt(media[w, media.shape[1] - 1, EPS_ORDINARY])
-            for c in range(3):
-                start[c] = origin[i, c]
-                start[3 + c] = n * direction[i, c]
-                start[6 + c] = direction[i, c]
-                start[9 + c] = analyser[i, c]
-                start[12 + c] = 0.0
-            start[15] = 1.0
-            start[16] = 0.0
-            start[17] = -1.0
-            start[18] = -1.0
-            start[19] = 0.0 if polarised else 1.0
-            count, left_out, cut, _ = grow_tree(
-                bodies,
-                media[w],
-                2e6 * math.pi / wavelengths_nm[w],
-                start,
-                max_events,
-                tolerance[w],
-                scratch,
-                exits,
-            )
+        # Root of the tree
+        for c in range(3):
+            start[c] = origin[i, c]
+            start[6 + c] = direction[i, c]
+            start[9 + c] = analyser[i, c]
+            start[12 + c] = 0.0
+        start[15] = 1.0
+        start[16] = 0.0
+        start[17] = -1.0
+        start[18] = -1.0
+        start[19] = 0.0 if polarised else 1.0
 
-            # Gather the walls that its branches see
-            total = 0.0
-            for k in range(count):
-                row = exits[k]
-                texel = wall_radiance(room, row[0], row[1], row[2], row[6], row[7], row[8])
-                if texel >= 0:
-                    emitted = 0.0
-                    for c in range(3):
-                        emitted += room.texels[texel, c] * primaries[w, c]
-                    total += row[15] * emitted
-            radiance[i, w] = half * total
-            pruned[i, w] = left_out
-            truncated[i, w] = cut
+        # Look as closely as its neighbour needed, then as the colour found asks for
+        for _ in range(2):
+            for w in range(wavelengths_nm.shape[0]):
+                radiance[i, w], pruned[i, w], truncated[i, w] = _tree_radiance(
+                    bodies,
+                    room,
+                    media[w],
+                    wavelengths_nm[w],
+                    primaries[w],
+                    start,
+                    max_events,
+                    factor * tolerance[w],
+                    scratch,
+                    exits,
+                )
+                radiance[i, w] *= half
+            if steps == 0.0:
+                break
+            enough, allowed = _allowance(radiance[i], pruned[i], weights, bounds, base, steps)
+            factor = allowed
+            if enough:
+                break
+        factor *= _CLOSER

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.colorimetry import encode_srgb
 from raymap.errors import SceneError
 from tracer.crystals.bodies import BodyArrays, CrystalBody, compile_bodies
 from tracer.crystals.media import Crystal, isotropic
@@ -24,12 +25,12 @@ from tracer.render.images import spectral_channels, to_bytes, write_exr, write_p
 from tracer.render.room import Room, RoomArrays
 from tracer.render.spectra import primary_spectra, rgb_weights
 
-__all__ = ["HALF_STEP", "Picture", "RenderScene", "render"]
+__all__ = ["Picture", "RenderScene", "error_in_steps", "render"]
 
 Real = NDArray[np.float64]
 
-HALF_STEP = 0.5 / 255.0 / 12.92
-"""Half an 8-bit step of sRGB where the curve is steepest, in linear light."""
+_STEEPEST = 12.92
+"""Largest slope of the sRGB curve."""
 
 _TILE = 24
 
@@ -45,7 +46,8 @@ class RenderScene:
     camera : with or without analyser
     wavelengths_nm : (m,) samples of the spectrum
     max_events : depth of the tree, in surface events
-    pruning_error : largest error by pruning in any linear sRGB value; 0 grows the whole tree
+    pruning_error : largest error by pruning in any pixel, in 8-bit steps of sRGB; 0 grows the
+        whole tree
     world : isotropic medium between the bodies
     contacts : pairs of bodies that share an interface
     name : for progress and messages
@@ -56,7 +58,7 @@ class RenderScene:
     camera: Camera
     wavelengths_nm: Real
     max_events: int = 15
-    pruning_error: float = HALF_STEP
+    pruning_error: float = 0.5
     world: Crystal = field(default_factory=lambda: isotropic(1.0, name="air"))
     contacts: tuple[tuple[str, str], ...] = ()
     name: str = "scene"
@@ -82,7 +84,7 @@ class Picture:
     ----------
     spectral : (h, w, m) radiance at each wavelength
     rgb : (h, w, 3) linear sRGB
-    error_bound : (h, w) bound of the error by pruning of any linear sRGB value
+    error_bound : (h, w, 3) bound of the error by pruning, linear sRGB
     truncated : (h, w) largest share at any wavelength that was cut at the depth limit
     wavelengths_nm : (m,)
     seconds : of computation
@@ -95,6 +97,11 @@ class Picture:
     wavelengths_nm: Real
     seconds: float
 
+    @property
+    def error_steps(self) -> Real:
+        """(h, w) bound of the error by pruning in 8-bit steps of sRGB."""
+        return error_in_steps(self.rgb, self.error_bound)
+
     def save(self, path: str | Path) -> None:
         """Write a .png or .exr (RGB, spectral channels, error bound); nothing else is known."""
         target = Path(path)
@@ -103,10 +110,18 @@ class Picture:
         elif target.suffix.lower() == ".exr":
             channels = dict(zip("RGB", np.moveaxis(self.rgb, -1, 0), strict=True))
             channels |= spectral_channels(self.wavelengths_nm, self.spectral)
-            channels |= {"pruning.bound": self.error_bound, "depth.truncated": self.truncated}
+            channels |= {"pruning.steps": self.error_steps, "depth.truncated": self.truncated}
             write_exr(target, channels, text={"spectralLayoutVersion": "1.0"})
         else:
             raise SceneError(f"picture {str(target)!r}: write .png or .exr")
+
+
+def error_in_steps(rgb: Real, error: Real) -> Real:
+    """(h, w) largest change of an encoded sRGB value, in 8-bit steps, by a linear error."""
+    middle = encode_srgb(rgb)
+    up = encode_srgb(rgb + error) - middle
+    down = middle - encode_srgb(rgb - error)
+    return np.asarray(255.0 * np.maximum(up, down).max(axis=-1))
 
 
 @dataclass
@@ -120,6 +135,7 @@ class _Work:
     primaries: Real
     weights: Real
     tolerance: Real
+    bounds: Real
     spectral: Real
     bound: Real
     truncated: Real
@@ -127,16 +143,16 @@ class _Work:
     stop: threading.Event = field(default_factory=threading.Event)
 
 
-def _tolerances(weights: Real, primaries: Real, brightest: float, error: float) -> Real:
+def _tolerances(bounds: Real, steps: float) -> Real:
     """Share that may be pruned at each wavelength so that no sRGB value is off by more.
 
     A wavelength counts by its weight g; cost falls slowly with tolerance, so the tolerance is
-    spread as g^-0.7, with sum of g times tolerance equal to the error.
+    spread as g^-0.7, scaled to what the darkest pixel may lose.
     """
-    g = np.abs(weights).max(axis=1) * primaries.max(axis=1) * brightest
-    g = np.maximum(g, 1e-12)
+    g = np.maximum(bounds.max(axis=1), 1e-12)
     spread = g**-0.7
-    result: Real = np.minimum(error * spread / float(np.sum(g * spread)), 1.0)
+    allowed = steps / 255.0 / _STEEPEST
+    result: Real = np.minimum(spread * allowed / float((spread @ bounds).max() or 1.0), 1.0)
     return result
 
 
@@ -155,6 +171,7 @@ def _prepare(scene: RenderScene) -> _Work:
     primaries = primary_spectra(wavelengths)
     weights = rgb_weights(wavelengths)
     brightest = float(room.texels.max()) if room.texels.size else 0.0
+    bounds = np.abs(weights) * (primaries.max(axis=1) * (brightest or 1.0))[:, None]
     width, height = scene.camera.pixels
     exact = scene.pruning_error == 0.0
     return _Work(
@@ -164,9 +181,10 @@ def _prepare(scene: RenderScene) -> _Work:
         media=media,
         primaries=primaries,
         weights=weights,
-        tolerance=_tolerances(weights, primaries, brightest or 1.0, scene.pruning_error),
+        tolerance=_tolerances(bounds, scene.pruning_error),
+        bounds=bounds,
         spectral=np.zeros((height, width, len(wavelengths))),
-        bound=np.zeros((height, width)),
+        bound=np.zeros((height, width, 3)),
         truncated=np.zeros((height, width)),
         capacity=min(4 << scene.max_events, 400_000) if exact else 8192,
     )
@@ -201,6 +219,10 @@ def _tile(work: _Work, x0: int, y0: int) -> tuple[int, int]:
             rays.analyser,
             work.scene.max_events,
             work.tolerance,
+            work.weights,
+            work.bounds,
+            work.tolerance @ work.bounds,
+            work.scene.pruning_error,
             work.capacity,
             sums[0],
             sums[1],
@@ -209,9 +231,7 @@ def _tile(work: _Work, x0: int, y0: int) -> tuple[int, int]:
         results[:, line] = sums.reshape(3, shape[1], per_pixel, count).mean(axis=2)
     y, x = slice(y0, y0 + shape[0]), slice(x0, x0 + shape[1])
     work.spectral[y, x] = results[0]
-    brightest = float(work.room.texels.max())
-    g = np.abs(work.weights) * (work.primaries.max(axis=1) * brightest)[:, None]
-    work.bound[y, x] = (results[1] @ g).max(axis=-1)
+    work.bound[y, x] = results[1] @ work.bounds
     work.truncated[y, x] = results[2].max(axis=-1)
     return x0, y0
 
