@@ -28,7 +28,7 @@ S. A. Prahl, M. J. C. van Gemert, A. J. Welch, Applied Optics 32, 559 (1993): Fr
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -58,10 +58,12 @@ class PlateResponse:
     ----------
     reflectance, transmittance : (n_plates, n_angles); the first reflection and the unscattered
         light are included
+    btdf : (n_plates, n_section) of a beam at normal incidence [1/sr], without the direct beam
     """
 
     reflectance: Column
     transmittance: Column
+    btdf: Column = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,23 +149,35 @@ class ExactPlates:
     ----------
     index : refractive index of the plates
     incidence_deg : (k,) angles of incidence in air, 0 <= angle < 90 [deg]
-    nodes : Gauss nodes on each side of the critical angle; 16 give R and T within 3e-5, also for
-        peaked phase functions
+    section_deg : (j,) polar angles at which the BTDF for normal incidence is wanted too [deg]
+    nodes : Gauss nodes on each side of the critical angle; 16 give R and T within 3e-5 unless the
+        phase function is sharply peaked, see `enough_nodes`
     """
 
-    def __init__(self, *, index: float, incidence_deg: ArrayLike, nodes: int = 16) -> None:
-        angles = np.atleast_1d(np.asarray(incidence_deg, np.float64))
+    def __init__(
+        self,
+        *,
+        index: float,
+        incidence_deg: ArrayLike,
+        section_deg: ArrayLike = (),
+        nodes: int = NODES[0],
+    ) -> None:
+        self.incidence_deg = np.atleast_1d(np.asarray(incidence_deg, np.float64))
+        self.section_deg = np.atleast_1d(np.asarray(section_deg, np.float64))
+        angles = np.concatenate((self.incidence_deg, self.section_deg))
         if not np.all((angles >= 0.0) & (angles < 90.0)):
             raise SceneError(
                 f"angles of incidence must lie in 0 <= angle < 90 degrees, got {angles}"
             )
         outside = np.cos(np.radians(angles))
-        self.incidence_deg = angles
-        self.directions = plate_directions(index, outside, nodes)
+        self._beam = self.section_deg.size > 0
+        watched = np.concatenate((outside, [1.0])) if self._beam else outside
+        weight = 1e-8 if self._beam else 1e-12
+        self.directions = plate_directions(index, watched, nodes, watch_weight=weight)
         self._functions = legendre_functions(
             0, self.directions.order, self.directions.cosines
         ) * np.sqrt(self.directions.weights)
-        self._first_reflection = fresnel_column(1.0, index, outside)
+        self._first_reflection = fresnel_column(1.0, index, outside[: self.incidence_deg.size])
 
     def solve(self, medium: ScatteringMedium, thickness_mm: ArrayLike) -> PlateResponse:
         """R and T of plates of a medium.
@@ -176,29 +190,41 @@ class ExactPlates:
         plates = check_plates(medium, thickness_mm, self.directions.index)
         at = self.directions
         modes = layer_modes(at, self._functions, 0, medium)
-        # Light both faces with radiance 1 from outside
+        # Light both faces with radiance 1 from outside; with a beam of irradiance 1
         measure = np.sqrt(at.weights * at.cosines)
-        entering = measure * (1.0 - at.fresnel) * at.index**2
-        drive = modes.modes.T @ (2.0 * entering / (1.0 + at.fresnel))
+        entering = (measure * (1.0 - at.fresnel) * at.index**2)[:, None]
+        if self._beam:
+            beam = np.zeros_like(entering)
+            beam[-1] = (1.0 - at.fresnel[-1]) / (2.0 * np.pi * measure[-1])
+            entering = np.hstack((entering, beam))
+        drive = modes.modes.T @ (2.0 * entering / (1.0 + at.fresnel)[:, None])
         watched = slice(at.cosines.size - at.watched, None)
-        out = np.empty((2, plates.size, at.watched))
+        leave = (1.0 - at.fresnel[watched])[:, None] / at.index**2
+        out = np.empty((2, plates.size, at.watched, entering.shape[1]))
         for i, thickness in enumerate(plates):
             for odd in (0, 1):
                 amplitudes = modes.amplitudes(thickness, drive, odd=bool(odd))
-                leaving = leaving_radiance(at, modes, amplitudes, entering)[watched]
-                out[odd, i] = leaving * (1.0 - at.fresnel[watched]) / at.index**2
-        reflectance = 0.5 * (out[0] + out[1]) + self._first_reflection
-        return PlateResponse(reflectance=reflectance, transmittance=0.5 * (out[0] - out[1]))
+                out[odd, i] = leaving_radiance(at, modes, amplitudes, entering)[watched] * leave
+        reflected, transmitted = 0.5 * (out[0] + out[1]), 0.5 * (out[0] - out[1])
+        angles = self.incidence_deg.size
+        section = slice(angles, angles + self.section_deg.size)
+        return PlateResponse(
+            reflectance=reflected[:, :angles, 0] + self._first_reflection,
+            transmittance=transmitted[:, :angles, 0],
+            btdf=transmitted[:, section, -1],
+        )
 
 
 def leaving_radiance(
     at: PlateDirections, modes: LayerModes, amplitudes: Column, entering: Column
 ) -> Column:
-    """Radiance that arrives from inside at the lit face, at every node."""
+    """Radiance (n, ...) that arrives from inside at the lit face, at every node."""
+    shape = (-1,) + (1,) * (entering.ndim - 1)
+    fresnel = at.fresnel.reshape(shape)
     both = modes.modes @ amplitudes
-    difference = (2.0 * entering - (1.0 - at.fresnel) * both) / (1.0 + at.fresnel)
-    leaving: Column = 0.5 * (both - difference) / np.sqrt(at.weights * at.cosines)
-    return leaving
+    difference = (2.0 * entering - (1.0 - fresnel) * both) / (1.0 + fresnel)
+    scale = np.sqrt(at.weights * at.cosines).reshape(shape)
+    return np.asarray(0.5 * (both - difference) / scale)
 
 
 def check_plates(medium: ScatteringMedium, thickness_mm: ArrayLike, index: float) -> Column:

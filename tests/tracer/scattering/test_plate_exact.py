@@ -170,6 +170,19 @@ def test_reference_btdf_at_normal_incidence(parameters: tuple[float, ...]) -> No
     np.testing.assert_allclose(light.btdf[:, 0], BTDF[parameters], atol=5e-5)
 
 
+def test_section_of_the_flux_solver_is_the_full_one() -> None:
+    medium = ScatteringMedium(mean_free_path_mm=0.3, absorption_per_mm=0.01, g=0.7)
+    solver = ExactPlates(
+        index=1.49, incidence_deg=[0.0, 40.0], section_deg=[0.0, 10.0, 70.0], nodes=24
+    )
+    out = solver.solve(medium, [1.0, 2.0])
+    plain = reflectance_transmittance(medium, [1.0, 2.0], [0.0, 40.0], nodes=24)
+    np.testing.assert_allclose(out.reflectance, plain.reflectance, atol=1e-6)
+    np.testing.assert_allclose(out.transmittance, plain.transmittance, atol=1e-6)
+    light = plate_bsdf(medium, 2.0, 0.0, [0.0, 10.0, 70.0], nodes=24)
+    np.testing.assert_allclose(out.btdf[1], light.btdf[:, 0], rtol=1e-6)
+
+
 @pytest.mark.parametrize(("g", "gamma", "angle"), [(0.8, 1.5, 30.0), (0.35, 10.0, 60.0)])
 def test_scattered_light_integrates_to_the_fluxes(g: float, gamma: float, angle: float) -> None:
     medium = ScatteringMedium(mean_free_path_mm=0.35, absorption_per_mm=0.01, g=g, gamma=gamma)
