@@ -41,6 +41,7 @@ from viewer.tree import (
     remove_node,
     set_group,
     tree_text,
+    with_region,
 )
 
 if TYPE_CHECKING:
@@ -119,7 +120,7 @@ class Application:
                 "detectors": [entry.name for entry in directory.detectors], "shape": "rect",
                 "detector_cells": None, "image_selected": "", "image_full": "", "image_low": "",
                 "image_high": "", "image_gradient": "", "detector_note": "", "detector_facts": [],
-                "detector_sections": "", "region_text": "",
+                "detector_sections": "", "detector_total": "",
                 "report": None, "report_error": "", "report_point": None, "ray_text": "",
                 "color_rules": [
                     {"value": rule, "title": rule.replace("_", " ").replace("ending", "last event")}
@@ -262,8 +263,7 @@ class Application:
                     "clip_until": state.clip.until,
                     "ray_step": min(step, len(RAY_STEPS) - 1), "rays_text": f"{state.rays:,}",
                     "objects": self.session.objects(),
-                    "region": asdict(state.region) if state.region else None,
-                    "region_text": self.inquiry.region_criterion() if state.region else "",
+                    "region": self._region(),
                     "point": state.point, "parallel": self._parallel(),
                     "map_name": ray_map.path.name, "map_title": str(ray_map.path),
                     "map_rays": count, "recording": not ray_map.finished,
@@ -319,10 +319,8 @@ class Application:
             return
         if self.inquiry.detector_name() != before:
             self.inquiry.place = None
-            if self.session.state.region is not None:
-                self.session.update(region=None)
-                self._push()
-            await self._answer()
+            await self._fill_panel(self._cancel, "detector")
+            self._repaint(region=self._region())
             return
         fields = await self._ask(self.inquiry.detector_fields)
         self._repaint(**fields)
@@ -438,7 +436,14 @@ class Application:
             return
         self.session.update(criterion=text, paths=())
         with self.page:
-            self.page.update({"criterion": text, "criterion_error": None, "tree_place": None})
+            self.page.update(
+                {
+                    "criterion": text,
+                    "criterion_error": None,
+                    "tree_place": None,
+                    "region": self._region(),
+                }
+            )
         await self._answer()
         self.shelf.use(text)
         with self.page:
@@ -576,14 +581,21 @@ class Application:
 
     async def set_region(self, region: dict[str, Any] | None) -> None:
         """A region was drawn on the image, or taken away."""
+        name = self.inquiry.detector_name()
+        if name is None:
+            return
         value = None
         if region is not None:
             x0, y0, x1, y1 = (round(float(number), 1) for number in region["values"])
             shape = "ellipse" if region.get("shape") == "ellipse" else "rect"
             value = Region(shape=shape, values=(x0, y0, x1, y1))  # type: ignore[arg-type]
-        if self._change(region=value, paths=()):
-            self._push()
-            await self._answer()
+        tree = criterion_tree(self.session.state.criterion)
+        await self.set_criterion(tree_text(with_region(tree, name, value)))
+
+    def _region(self) -> dict[str, Any] | None:
+        """The region that the criterion demands of the shown detector, to be drawn on it."""
+        region = self.inquiry.region()
+        return asdict(region) if region is not None else None
 
     async def set_place(self, place: list[int] | None) -> None:
         """The cell under the mouse: cross sections go through it."""

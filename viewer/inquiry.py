@@ -24,12 +24,13 @@ from viewer.answers import (
 )
 from viewer.itinerary import headline
 from viewer.panel_criterion import tree_fields
-from viewer.panel_detector import cross_sections, image_url, region_text, scale_fields
+from viewer.panel_detector import cross_sections, image_url, scale_fields
 from viewer.panel_paths import path_rows, sort_rows
 from viewer.panel_report import point_fields, report_fields
 from viewer.plots import heat_map
 from viewer.session import Session
-from viewer.tree import criterion_tree, tree_rows
+from viewer.state import Region
+from viewer.tree import criterion_region, criterion_tree, tree_rows
 
 if TYPE_CHECKING:
     from query.selection import Selection
@@ -67,22 +68,19 @@ class Inquiry:
 
     # -- criterion -----------------------------------------------------------------------------
 
-    def whole_criterion(self) -> str:
-        """The criterion with the region that was drawn on the detector."""
-        state = self.session.state
-        if state.region is None:
-            return state.criterion
-        return join_criteria(state.criterion, self.region_criterion())
-
-    def region_criterion(self) -> str:
-        """The drawn region as a criterion."""
-        state = self.session.state
-        assert state.region is not None
-        return region_text(self.detector_name() or "", state.region)
+    def region(self) -> Region | None:
+        """The region of the shown detector that the criterion demands."""
+        name = self.detector_name()
+        if name is None:
+            return None
+        try:
+            return criterion_region(criterion_tree(self.session.state.criterion), name)
+        except RayMapError:
+            return None
 
     def answer(self, cancel: Cancel, progress: Callable[[Any], None]) -> dict[str, Any]:
         """How many rays satisfy the criterion, and their flux."""
-        text = self.whole_criterion()
+        text = self.session.state.criterion
         found = count_rays(self.session.map, text, cancel=cancel, progress=progress)
         self.found = found
         unit = self.session.map.directory.flux_unit
@@ -126,7 +124,7 @@ class Inquiry:
         labels = {str(row["criterion"]): headline(str(row["path"])) for row in self.table}
         paths = [(text, labels.get(text, text)) for text in state.paths]
         drawing = draw_rays(
-            session.map, self.whole_criterion(), state.rays, paths=paths, cancel=cancel
+            session.map, self.session.state.criterion, state.rays, paths=paths, cancel=cancel
         )
         if cancel():
             return {}
@@ -146,7 +144,7 @@ class Inquiry:
 
     def paths(self, by: str, ghosts: bool, sort: str, cancel: Cancel) -> dict[str, Any]:
         """The path table of the selection."""
-        text = self.whole_criterion()
+        text = self.session.state.criterion
         if ghosts:
             text = join_criteria(text, GHOSTS)
         self.table = path_table(self.session.map, text, by=by, top=TOP, cancel=cancel)
@@ -168,7 +166,7 @@ class Inquiry:
 
     def ghosts(self, cancel: Cancel) -> dict[str, Any]:
         """The matrix of pairs of reflecting faces in the selection."""
-        found = ghost_matrix(self.session.map, self.whole_criterion(), cancel=cancel)
+        found = ghost_matrix(self.session.map, self.session.state.criterion, cancel=cancel)
         if found is None or cancel():
             return {"ghost_matrix": ""}
         rows, columns, values = found
@@ -192,8 +190,7 @@ class Inquiry:
         name = self.detector_name()
         if name is None:
             return {"detector_cells": None}
-        # The drawn region filters the selection, but its picture shows the whole detector
-        selected = detector_image(session.map, name, self.whole_criterion(), cancel=cancel)
+        selected = detector_image(session.map, name, self.session.state.criterion, cancel=cancel)
         key = (name, session.map.rays)
         if self._full is None or self._full[0] != key:
             self._full = (key, detector_image(session.map, name, "", cancel=cancel))
@@ -224,8 +221,6 @@ class Inquiry:
         if top_full <= 0:
             note = "No ray of the map reaches this detector."
         facts = [
-            ["Selected", f"{float(selected.sum()):.5g} {unit}"],
-            ["All rays", f"{float(full.sum()) if full is not None else 0:.5g} {unit}"],
             ["Peak cell", f"{top:.4g} {unit}"],
             ["Cells", f"{detector.cells[0]} × {detector.cells[1]}"],
             ["Size", f"{size[0]:g} × {size[1]:g} {directory.length_unit}"],
@@ -236,6 +231,8 @@ class Inquiry:
             "detector_cells": list(detector.cells),
             "image_selected": image_url(selected, highest=float(selected.max()), **options),
             "image_full": image_url(full, highest=top_full, **options) if full is not None else "",
+            "detector_total": f"{float(selected.sum()):.4g} {unit} selected, "
+            f"{float(full.sum()) if full is not None else 0:.4g} {unit} in all",
             "detector_note": note,
             "detector_facts": facts,
             "detector_sections": cross_sections(selected, full, place, log=state.log_scale)

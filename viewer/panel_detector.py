@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 from viewer.falsecolor import apply_colormap, encode_srgb
 from viewer.picture import encode_png
 from viewer.plots import profile
-from viewer.state import Region
 from viewer.templates import template
 
-__all__ = ["PANEL", "cross_sections", "image_url", "region_text", "scale_fields"]
+__all__ = ["PANEL", "cross_sections", "image_url", "scale_fields"]
 
 PANEL = template("detector")
 
@@ -95,10 +94,3 @@ def cross_sections(
         curves.append(("selected", selected[cut], "#56b4e9"))
         parts.append(profile(curves, log=log, caption=caption))
     return "".join(parts)
-
-
-def region_text(detector: str, region: Region) -> str:
-    """The region as part of a criterion, in cells with one decimal."""
-    numbers = ", ".join(f"{value:.1f}".removesuffix(".0") for value in region.values)
-    name = detector.replace('"', '\\"')
-    return f'detected("{name}", {region.shape}({numbers}))'

@@ -132,9 +132,10 @@ def heat_map(
     shown = np.zeros(values.shape)
     if len(positive):
         low, high = float(positive.min()), float(positive.max())
-        span = np.log(high / low) or 1.0
+        span = np.log(high / low)
         safe = np.where(values > 0, values, low)
-        shown = np.where(values > 0, 0.15 + 0.85 * np.log(safe / low) / span, 0)
+        share = np.log(safe / low) / span if span > 0 else np.ones(values.shape)
+        shown = np.where(values > 0, 0.15 + 0.85 * share, 0)
     colors = apply_colormap(shown, "inferno")
     parts = []
     for i, row in enumerate(rows):

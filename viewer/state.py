@@ -155,13 +155,13 @@ class ViewState:
     log_scale: bool = True
     colormap: str = "inferno"
     image: Literal["selected", "full", "both"] = "both"
-    region: Region | None = None
 
 
 T = TypeVar("T")
 
 
 def _fail(where: str, expected: str, value: object) -> StateError:
+    where = where or "the file"
     shown = repr(value)
     shown = shown if len(shown) <= 40 else shown[:37] + "..."
     return StateError(f"saved session: {where} must be {expected}, not {shown}")
@@ -171,7 +171,8 @@ def _read_number(kind: type, value: Any, where: str) -> Any:
     """A plain int or finite float."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise _fail(where, "a number", value)
-    if not math.isfinite(value) or abs(value) > 1e300 or (kind is int and value != int(value)):
+    # Compared before it is converted: an integer may be too large for a float
+    if not -1e300 < value < 1e300 or (kind is int and value != int(value)):
         raise _fail(where, "a whole number" if kind is int else "a finite number", value)
     return kind(value)
 

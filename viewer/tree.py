@@ -12,13 +12,16 @@ from dataclasses import dataclass
 from typing import Any
 
 from query import from_json, parse
+from query.names import escape
 from raymap.errors import CriterionError
+from viewer.state import Region
 
 __all__ = [
     "GROUPS",
     "TreeRow",
     "add_node",
     "count_node",
+    "criterion_region",
     "criterion_tree",
     "make_atom",
     "negate_node",
@@ -26,6 +29,7 @@ __all__ = [
     "set_group",
     "tree_rows",
     "tree_text",
+    "with_region",
 ]
 
 Tree = dict[str, Any]
@@ -196,3 +200,53 @@ def make_atom(kind: str, name: str = "*", event: str = "") -> Tree:
     if kind == "hit" and event:
         tree["events"] = [event]
     return tree
+
+
+def _region_place(tree: Tree | None, detector: str) -> int | None:
+    """Which member of the outermost ``and`` asks for a region of a detector; -1 is the root."""
+
+    def asks(node: Tree) -> bool:
+        regions = node.get("regions", [])
+        named = node["op"] == "detected" and node["names"] == [escape(detector, "*?\\")]
+        return named and len(regions) == 1 and "unit" not in regions[0]
+
+    if tree is None:
+        return None
+    if asks(tree):
+        return -1
+    if tree["op"] == "and":
+        return next((k for k, node in enumerate(tree["args"]) if asks(node)), None)
+    return None
+
+
+def criterion_region(tree: Tree | None, detector: str) -> Region | None:
+    """The region of a detector that a criterion demands, if it is one that the mouse can draw."""
+    place = _region_place(tree, detector)
+    if place is None or tree is None:
+        return None
+    node = tree if place < 0 else tree["args"][place]
+    [(shape, numbers)] = node["regions"][0].items()
+    a, b, c, d = (float(number) for number in numbers)
+    return Region(shape=shape, values=(a, b, c, d))
+
+
+def with_region(tree: Tree | None, detector: str, region: Region | None) -> Tree | None:
+    """Demand a region of a detector instead of the one before, or none any more."""
+    place = _region_place(tree, detector)
+    if tree is not None and place is not None:
+        tree = remove_node(tree, () if place < 0 else (place,))
+    if region is None:
+        return tree
+    atom = {
+        "op": "detected",
+        "names": [escape(detector, "*?\\")],
+        "regions": [{region.shape: list(region.values)}],
+    }
+    return (
+        add_node(tree, (), atom)
+        if tree is None or tree["op"] == "and"
+        else {
+            "op": "and",
+            "args": [tree, atom],
+        }
+    )

@@ -60,7 +60,12 @@ def lens_mesh(n: int = 48) -> DisplayMesh:
 
 
 def square(z: float, half_x: float, half_y: float) -> DisplayMesh:
-    corners = [[-half_x, -half_y, z], [half_x, -half_y, z], [half_x, half_y, z], [-half_x, half_y, z]]
+    corners = [
+        [-half_x, -half_y, z],
+        [half_x, -half_y, z],
+        [half_x, half_y, z],
+        [-half_x, half_y, z],
+    ]
     return DisplayMesh(
         vertices=np.array(corners, np.float32),
         triangles=np.array([[0, 1, 2], [0, 2, 3]], np.int32),
@@ -182,31 +187,37 @@ def make_portion(
         counts.append(len(rows) - before)
     n = len(rows)
     uv = np.clip(np.array(meetings).reshape(-1, 2), 0, 0.9999)
-    color = np.repeat(np.where(rng.random(n_rays) < 0.5, channels, rng.integers(0, channels, n_rays)), counts)
+    color = np.repeat(
+        np.where(rng.random(n_rays) < 0.5, channels, rng.integers(0, channels, n_rays)), counts
+    )
     white = np.full((1, channels), 65535 // channels, np.uint16)
     white[0, -1] += 65535 - int(white.sum())
-    return Portion(
-        emitted=np.array([(source == 0).sum(), (source == 1).sum()], np.int64),
-        source=source,
-        records_per_ray=np.array(counts, np.int32),
-        position=np.array([row[2] for row in rows], np.float32),
-        normal=np.array([row[3] for row in rows], np.int16),
-        object=np.array([row[0] for row in rows], np.int16),
-        triangle=np.array([row[1] for row in rows], np.int32),
-        event=np.array([int(row[4]) for row in rows], np.int32),
-        medium=np.array([row[5] for row in rows], np.int16),
-        color_code=color.astype(np.int32),
-        color_table=white,
-        descriptor_count=np.array([row[6] for row in rows], np.uint16),
-        descriptors=Descriptors(
-            detector=np.zeros(len(uv), np.int16),
-            cell=(uv * CELLS).astype(np.uint16),
-            cosine=np.full(len(uv), 32000, np.int16),
-            uv=(uv * 65535).astype(np.uint16),
-            registered=np.ones(len(uv), np.bool_),
-        ),
-        first_ray=first_ray,
-    ) if n else None  # type: ignore[return-value]
+    return (
+        Portion(
+            emitted=np.array([(source == 0).sum(), (source == 1).sum()], np.int64),
+            source=source,
+            records_per_ray=np.array(counts, np.int32),
+            position=np.array([row[2] for row in rows], np.float32),
+            normal=np.array([row[3] for row in rows], np.int16),
+            object=np.array([row[0] for row in rows], np.int16),
+            triangle=np.array([row[1] for row in rows], np.int32),
+            event=np.array([int(row[4]) for row in rows], np.int32),
+            medium=np.array([row[5] for row in rows], np.int16),
+            color_code=color.astype(np.int32),
+            color_table=white,
+            descriptor_count=np.array([row[6] for row in rows], np.uint16),
+            descriptors=Descriptors(
+                detector=np.zeros(len(uv), np.int16),
+                cell=(uv * CELLS).astype(np.uint16),
+                cosine=np.full(len(uv), 32000, np.int16),
+                uv=(uv * 65535).astype(np.uint16),
+                registered=np.ones(len(uv), np.bool_),
+            ),
+            first_ray=first_ray,
+        )
+        if n
+        else None
+    )  # type: ignore[return-value]
 
 
 def write_map(

@@ -188,7 +188,7 @@
     template: `
       <div class="rm-editor" :class="{wrong: error}">
         <span class="rm-editor-mark" aria-hidden="true">{{ error ? "!" : "?" }}</span>
-        <input ref="box" :value="text" spellcheck="false" autocomplete="off" data-testid="criterion"
+        <input ref="box" v-model="draft" spellcheck="false" autocomplete="off" data-testid="criterion"
                aria-label="criterion" placeholder='all rays — try: detected("sensor")'
                @input="changed" @keydown="key" @blur="later" @click="complete" />
         <div v-if="items.length" class="rm-completions" data-testid="completions">
@@ -199,12 +199,14 @@
           <pre v-if="error.caret">{{ error.caret }}</pre><div>{{ error.message }}</div>
         </div>
       </div>`,
-    data: () => ({ items: [], chosen: -1, from: 0 }),
+    data() { return { items: [], chosen: -1, from: 0, draft: this.text }; },
     created() { this.timer = null; this.asked = 0; },
+    // What the program says replaces the draft, unless it merely repeats what was typed here
+    watch: { text(value) { if (value !== this.draft.trim()) this.draft = value; } },
     methods: {
       send(now) {
         clearTimeout(this.timer);
-        const value = this.$refs.box.value;
+        const value = this.draft;
         this.timer = setTimeout(() => call("rm_criterion", value), now ? 0 : 180);
       },
       changed() { this.send(false); this.complete(); },
@@ -233,12 +235,14 @@
       },
       take(i) {
         const box = this.$refs.box, item = this.items[i];
-        const tail = box.value.slice(box.selectionStart);
-        box.value = box.value.slice(0, this.from) + item.insert + tail;
+        const tail = this.draft.slice(box.selectionStart);
+        this.draft = this.draft.slice(0, this.from) + item.insert + tail;
         const caret = this.from + item.insert.length - (item.back || 0);
-        box.setSelectionRange(caret, caret);
-        box.focus(); this.items = [];
-        this.send(false); this.complete();
+        this.items = [];
+        this.$nextTick(() => {
+          box.focus(); box.setSelectionRange(caret, caret);
+          this.send(false); this.complete();
+        });
       },
     },
   };
