@@ -1,0 +1,181 @@
+"""Commands of this package: record, check."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from tracer.record import Progress, RecordResult
+
+__all__ = ["register"]
+
+SceneArgument = Annotated[Path, typer.Argument(help="A scene file (TOML).", show_default=False)]
+Variant = Annotated[
+    list[str] | None,
+    typer.Option("--variant", help="Lay a [variants.NAME] table over the scene; repeatable."),
+]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Hang the commands of this package on the application."""
+    app.command("record")(record)
+    app.command("check")(check)
+
+
+def record(
+    scene: SceneArgument,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="The ray map to write.")
+    ] = None,
+    rays: Annotated[int | None, typer.Option(min=1, help="Stop after so many rays.")] = None,
+    seconds: Annotated[float | None, typer.Option(min=0, help="Stop after so long.")] = None,
+    threads: Annotated[int | None, typer.Option(min=1, help="Worker threads.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Of the random numbers.")] = None,
+    append: Annotated[bool, typer.Option("--append", help="Add rays to the map.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Write over an existing map.")] = False,
+    raw: Annotated[bool, typer.Option("--raw", help="Store streams uncompressed.")] = False,
+    no_rays: Annotated[
+        bool, typer.Option("--no-rays", help="Trace for the detectors' results only.")
+    ] = False,
+    variant: Variant = None,
+    json: Json = False,
+) -> None:
+    """Trace a scene and record every light path."""
+    import warnings
+
+    from raymap.cli import emit_json
+    from tracer.record import record as record_scene
+    from tracer.scene.load import load_scene
+
+    if output is None and not no_rays:
+        raise typer.BadParameter("name the map to write with -o MAP", param_hint="--output")
+    loaded = load_scene(scene, variants=variant or ())
+    with warnings.catch_warnings(record=True) as caught, _Display(quiet=json) as display:
+        warnings.simplefilter("always")
+        result = record_scene(
+            loaded,
+            output if not no_rays else None,
+            rays=rays,
+            seconds=seconds,
+            threads=threads,
+            seed=seed,
+            append=append,
+            force=force,
+            raw=raw,
+            no_rays=no_rays,
+            progress=display.show,
+        )
+    for text in dict.fromkeys(str(item.message) for item in caught):
+        typer.echo(f"warning: {text}", err=True)
+    if json:
+        emit_json(_as_json(result))
+    else:
+        _print_result(result, output)
+    if result.interrupted:
+        raise typer.Exit(130)
+
+
+def _as_json(result: RecordResult) -> dict[str, Any]:
+    from dataclasses import fields
+
+    return {
+        item.name: getattr(result, item.name) for item in fields(result) if item.name != "detectors"
+    }
+
+
+def _print_result(result: RecordResult, output: Path | None) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(soft_wrap=True, highlight=False)
+    size = f", {result.bytes:,} bytes" if output else ""
+    console.print(
+        f"{result.rays:,} rays, {result.records:,} records{size} in {result.seconds:.2f} s "
+        f"({result.rays_per_second:,.0f} rays/s, {result.threads} threads, seed {result.seed})"
+    )
+    columns = ["emitted", "absorbed", "detected", "left", "stopped", "errors"]
+    table = Table("source", *columns)
+    for name, row in result.audit.items():
+        table.add_row(name, *(f"{row[column]:,}" for column in columns))
+    console.print(table)
+    if result.interrupted:
+        console.print("interrupted; the map holds the rays traced so far")
+
+
+class _Display:
+    """A line of live progress on stderr; nothing where nobody watches."""
+
+    def __init__(self, *, quiet: bool) -> None:
+        self.quiet = quiet
+        self.live: Any = None
+
+    def __enter__(self) -> _Display:
+        from rich.console import Console
+
+        console = Console(stderr=True)
+        if not self.quiet and console.is_terminal:
+            from rich.live import Live
+
+            self.live = Live(console=console, transient=True, refresh_per_second=8)
+            self.live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.live:
+            self.live.stop()
+
+    def show(self, progress: Progress) -> None:
+        """Show where the trace stands."""
+        if not self.live:
+            return
+        rate = progress.rays / max(progress.seconds, 1e-9)
+        left = []
+        if progress.total_rays is not None:
+            left.append((progress.total_rays - progress.rays) / max(rate, 1e-9))
+        if progress.total_seconds is not None:
+            left.append(progress.total_seconds - progress.seconds)
+        total = f" of {progress.total_rays:,}" if progress.total_rays else ""
+        self.live.update(
+            f"{progress.rays:,}{total} rays, {rate:,.0f} rays/s, "
+            f"{progress.bytes / 1e6:,.1f} MB, {max(0.0, min(left, default=0.0)):.0f} s left"
+        )
+
+
+def check(
+    scene: SceneArgument,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Write a section drawing (SVG).")
+    ] = None,
+    variant: Variant = None,
+    json: Json = False,
+) -> None:
+    """Validate a scene without tracing; first-order numbers and a section drawing of a lens."""
+    from raymap.cli import emit_json
+    from tracer.scene.load import load_scene
+    from tracer.studies.lens import examine
+
+    loaded = load_scene(scene, variants=variant or ())
+    report = examine(loaded)
+    if output is not None:
+        from tracer.studies.section import draw_section
+
+        draw_section(loaded, output)
+        report["drawing"] = str(output)
+    if json:
+        emit_json(report)
+        return
+    for key, value in report.items():
+        if key == "bodies":
+            for name, text in value.items():
+                typer.echo(f"  {name}: {text}")
+        elif isinstance(value, float):
+            typer.echo(f"{key}: {value:.6g}")
+        elif isinstance(value, list):
+            for text in value:
+                typer.echo(f"{key}: {text}")
+        else:
+            typer.echo(f"{key}: {value}")

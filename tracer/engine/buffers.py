@@ -1,0 +1,129 @@
+"""Buffers of one worker: the rays alive, the records of a block in the order of time.
+
+A *block* is a few thousand rays traced in step. Records are written as they happen (one row of
+twelve words, so that a record is one cache line at most); `tracer.engine.store` puts them in ray
+order.
+
+Columns are rows of a few two-dimensional arrays: compiled functions take few arguments. Rows are
+padded by an odd number of cache lines, or equal places of all rows would share a set of the cache.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tracer.geometry.kinds import F64, I64
+from tracer.scene.arrays import I32, CompiledScene
+
+__all__ = ["BUNDLE", "Buffers", "Workspace"]
+
+BUNDLE = 512
+"""Rays intersected together; their columns stay in the first-level cache."""
+
+_PADDING = 40
+
+# Entries of counters
+LIVE, RECORDS, DESCRIPTORS, COLORS, IGNORED = range(5)
+
+# Rows of live_f: origin 0-2, direction 3-5, distance of the face met next, weight
+T, WEIGHT = 6, 7
+
+# Rows of live_i: face met next, face on which the ray stands (-1 none), departure (list of
+# candidates), order of departure, nest, medium, colour code, random state (bits), ray in the block,
+# its last record
+HIT, OWN, KEY, ORDER, NEST, MEDIUM, CODE, RNG, RAY, LAST = range(10)
+
+# Words of a record
+X, Y, Z, NORMAL_XY, NORMAL_Z, TRIANGLE, EVENT, R_MEDIUM, R_CODE, R_RAY, COUNT, CHAIN = range(12)
+
+# Words of a descriptor
+D_DETECTOR, D_CELL, D_UV, D_COSINE, D_REGISTERED, D_PREVIOUS = range(6)
+
+# Rows of ray_i: number of records of each ray of the block
+N_RECORDS = 0
+
+Array = TypeVar("Array", bound=NDArray[np.generic])
+
+
+class Buffers(NamedTuple):
+    """All arrays that change while a block is traced.
+
+    live_f (8, block), live_i (10, block) : rays on their way, packed to the front
+    ray_i (1, block), ray_f (block,) : per ray its records and its final weight
+    words (n, 12), real : records as they happen, and the same memory as float32
+    exact : empty, or (n, 3) positions in float64
+    meetings (n, 6), meeting_t : descriptors as they happen, chained per record
+    colors (n, C) : mixed colours
+    counters : see above
+    bundle_f (8, BUNDLE), bundle_i (4, BUNDLE), bins : scratch of the intersection
+    """
+
+    live_f: F64
+    live_i: I64
+    ray_i: I32
+    ray_f: F64
+    words: I32
+    real: NDArray[np.float32]
+    exact: F64
+    meetings: I32
+    meeting_t: F64
+    colors: F64
+    counters: I64
+    bundle_f: F64
+    bundle_i: I64
+    bins: I64
+
+
+@dataclass
+class Workspace:
+    """The buffers of one worker; they grow and are used again for the next block."""
+
+    block: int
+    buffers: Buffers
+
+    @classmethod
+    def create(cls, scene: CompiledScene, block: int, *, exact: bool = False) -> Workspace:
+        words = np.empty((24 * block, 12), np.int32)
+        return cls(
+            block,
+            Buffers(
+                live_f=np.empty((8, block + _PADDING)),
+                live_i=np.empty((10, block + _PADDING), np.int64),
+                ray_i=np.empty((1, block), np.int32),
+                ray_f=np.empty(block),
+                words=words,
+                real=words.view(np.float32),
+                exact=np.empty((len(words) if exact else 0, 3)),
+                meetings=np.empty((4 * block, 6), np.int32),
+                meeting_t=np.empty(4 * block),
+                colors=np.empty((len(scene.source_i) + 8 * block, scene.n_channels)),
+                counters=np.zeros(8, np.int64),
+                bundle_f=np.empty((8, BUNDLE + _PADDING)),
+                bundle_i=np.empty((4, BUNDLE + _PADDING), np.int64),
+                bins=np.empty(len(scene.first), np.int64),
+            ),
+        )
+
+    def make_room(self, scene: CompiledScene) -> None:
+        """Grow what the next step could overfill."""
+        b = self.buffers
+        n = int(b.counters[LIVE])
+        if b.counters[RECORDS] + n > len(b.words):
+            words = _grown(b.words)
+            exact = _grown(b.exact) if len(b.exact) else b.exact
+            b = b._replace(words=words, real=words.view(np.float32), exact=exact)
+        while b.counters[DESCRIPTORS] + n * (len(scene.detector_i) + 1) > len(b.meeting_t):
+            b = b._replace(meetings=_grown(b.meetings), meeting_t=_grown(b.meeting_t))
+        if b.counters[COLORS] + 4 * n > len(b.colors):
+            b = b._replace(colors=_grown(b.colors))
+        self.buffers = b
+
+
+def _grown(array: Array) -> Array:
+    larger = np.empty((2 * len(array), *array.shape[1:]), array.dtype)
+    larger[: len(array)] = array
+    return larger  # type: ignore[return-value]

@@ -1,0 +1,67 @@
+"""Colour codes of rays: one channel, or a row of a table of mixed colours.
+
+A code below the number of channels says that all light is in that channel; other codes name a row
+of ``colors``, whose first rows are the colours of the sources. What happens with a different
+probability in each channel changes the mixture: the ray goes on with P = Σ c_i w_i, and its colour
+becomes c_i w_i / P, so that the expectation of each channel is exact.
+
+Quantities per channel stand in a table, from column ``column`` of row ``row`` on. ``colors`` has
+spare rows behind the ``counters[COLORS]`` in use: a step adds at most three per ray, and the row
+after the next one may hold weights that were only just computed.
+"""
+
+from __future__ import annotations
+
+from raymap.kernels import lean_kernel
+from tracer.engine.buffers import COLORS
+from tracer.geometry.kinds import F64, I64
+
+__all__ = ["mean_of", "pick_channel", "recolor"]
+
+
+@lean_kernel
+def pick_channel(colors: F64, code: int, u: float) -> int:
+    """A channel of the ray, with the probability of its share."""
+    n_channels = colors.shape[1]
+    if code < n_channels:
+        return code
+    row = code - n_channels
+    total = 0.0
+    for k in range(n_channels - 1):
+        total += colors[row, k]
+        if u < total:
+            return k
+    return n_channels - 1
+
+
+@lean_kernel
+def mean_of(colors: F64, code: int, table: F64, row: int, column: int) -> float:
+    """Mean of a quantity over the light of the ray."""
+    n_channels = colors.shape[1]
+    if code < n_channels:
+        return table[row, column + code]
+    total = 0.0
+    for k in range(n_channels):
+        total += colors[code - n_channels, k] * table[row, column + k]
+    return total
+
+
+@lean_kernel
+def recolor(colors: F64, code: int, table: F64, row: int, column: int, counters: I64) -> int:
+    """Code of the colour c_i w_i / Σ c_i w_i; the same code where all w_i are equal."""
+    n_channels = colors.shape[1]
+    if code < n_channels:
+        return code
+    old = code - n_channels
+    total = 0.0
+    equal = True
+    for k in range(n_channels):
+        total += colors[old, k] * table[row, column + k]
+        equal = equal and table[row, column + k] == table[row, column]
+    if equal or not total > 0.0:
+        return code
+    new = counters[COLORS]
+    counters[COLORS] = new + 1
+    for k in range(n_channels):
+        colors[new, k] = colors[old, k] * table[row, column + k] / total
+    return n_channels + new

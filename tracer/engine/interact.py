@@ -1,0 +1,376 @@
+"""What happens to rays at the end of their way: absorption, scattering, surfaces, records.
+
+One loop over the live rays: it finishes the segment of each ray (detectors passed, free flight in
+the medium, the face met), writes the record of the point reached, and packs the rays that go on to
+the front of the columns.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raymap.events import Event
+from raymap.kernels import inline_kernel, lean_kernel
+from tracer.engine.buffers import (
+    CHAIN,
+    CODE,
+    COLORS,
+    COUNT,
+    D_CELL,
+    D_COSINE,
+    D_DETECTOR,
+    D_PREVIOUS,
+    D_REGISTERED,
+    D_UV,
+    DESCRIPTORS,
+    EVENT,
+    HIT,
+    IGNORED,
+    KEY,
+    LAST,
+    LIVE,
+    MEDIUM,
+    N_RECORDS,
+    NEST,
+    NORMAL_XY,
+    NORMAL_Z,
+    OWN,
+    R_CODE,
+    R_MEDIUM,
+    R_RAY,
+    RAY,
+    RECORDS,
+    RNG,
+    TRIANGLE,
+    WEIGHT,
+    Buffers,
+    T,
+    X,
+    Y,
+    Z,
+)
+from tracer.engine.nests import enter_body, leave_body, top_body
+from tracer.engine.surfaces import meet_surface
+from tracer.engine.volumes import fly_freely
+from tracer.geometry.kinds import F64, I64
+from tracer.geometry.normals import face_normal
+from tracer.scene.arrays import (
+    B_MEDIUM,
+    D_CELLS_U,
+    D_CELLS_V,
+    D_VIRTUAL,
+    DEPTH,
+    F_AXIS,
+    F_DETECTOR,
+    F_EVENT,
+    F_INSIDE,
+    F_KIND,
+    F_OBJECT,
+    F_OUTSIDE,
+    F_SURFACE,
+    F_TRIANGLE,
+    I32,
+    L_CODE,
+    L_MEDIUM,
+    L_NEST,
+    M_PARTICIPATING,
+    SOURCE_ROW,
+    VIRTUAL,
+    WORLD,
+    CompiledScene,
+)
+from tracer.sources import emit_ray
+
+__all__ = ["emit_block", "interact"]
+
+EMITTED = int(Event.EMITTED)
+LEFT_SCENE = int(Event.LEFT_SCENE)
+CROSSED = int(Event.DETECTOR_CROSSED)
+REGISTERED = int(Event.DETECTOR_REGISTERED)
+DEPTH_LIMIT = int(Event.DEPTH_LIMIT)
+GEOMETRY_ERROR = int(Event.GEOMETRY_ERROR)
+RIM_HIT = int(Event.RIM_HIT)
+MEDIUM_CHANGED = int(Event.MEDIUM_CHANGED)
+ENDING = int(
+    Event.SURFACE_ABSORPTION
+    | Event.VOLUME_ABSORPTION
+    | Event.LEFT_SCENE
+    | Event.DEPTH_LIMIT
+    | Event.ROULETTE_KILL
+    | Event.GEOMETRY_ERROR
+)
+
+_TOUCHING = 1e-9
+"""Share of the scene's radius below which a meeting from the wrong side is rounding at an edge."""
+
+
+@lean_kernel
+def emit_block(scene: CompiledScene, seed: int, first_ray: int, n: int, b: Buffers) -> None:
+    """Start the rays ``first_ray`` to ``first_ray + n`` and write their first records."""
+    source_i, source_f, pattern = scene.source_i, scene.source_f, scene.pattern
+    live_f, live_i, ray_i, counters = b.live_f, b.live_i, b.ray_i, b.counters
+    words, real, exact, colors = b.words, b.real, b.exact, b.colors
+    n_sources, n_channels = len(source_i), colors.shape[1]
+    for source in range(n_sources):
+        for channel in range(n_channels):
+            colors[source, channel] = source_f[source, SOURCE_ROW + channel]
+    counters[LIVE] = n
+    counters[RECORDS] = 0
+    counters[DESCRIPTORS] = 0
+    counters[COLORS] = n_sources
+    first_key = 2 * len(scene.face_i)
+    for i in range(n):
+        source, x, y, z, dx, dy, dz, state = emit_ray(
+            source_i, source_f, pattern, seed, first_ray + i
+        )
+        live_f[0, i], live_f[1, i], live_f[2, i] = x, y, z
+        live_f[3, i], live_f[4, i], live_f[5, i] = dx, dy, dz
+        live_f[WEIGHT, i] = 1.0
+        live_i[OWN, i] = -1
+        live_i[KEY, i] = first_key + source
+        live_i[NEST, i] = source_i[source, L_NEST]
+        live_i[MEDIUM, i] = source_i[source, L_MEDIUM]
+        live_i[CODE, i] = source_i[source, L_CODE]
+        live_i[RNG, i] = np.int64(state)
+        live_i[RAY, i] = i
+        live_i[LAST, i] = i
+        write_record(
+            words, real, i, x, y, z, source_f[source, 18], source_f[source, 19],
+            source_f[source, 20], -1, -1, EMITTED, source_i[source, L_MEDIUM],
+            source_i[source, L_CODE], i,
+        )  # fmt: skip
+        if len(exact) > 0:
+            exact[i, 0], exact[i, 1], exact[i, 2] = x, y, z
+        ray_i[N_RECORDS, i] = 1
+    counters[RECORDS] = n
+
+
+@lean_kernel
+def interact(scene: CompiledScene, b: Buffers, follow: int) -> None:
+    """Bring every live ray to the end of its segment; keep those that go on.
+
+    ``follow`` = 0 chooses at random; 1 takes the transmitted ray wherever there is one.
+    """
+    face_i, face_f, body_i = scene.face_i, scene.face_f, scene.body_i
+    surface_i, surface_f = scene.surface_i, scene.surface_f
+    medium_i, medium_f, tables = scene.medium_i, scene.medium_f, scene.tables
+    detector_i, detector_f = scene.detector_i, scene.detector_f
+    sphere, world, depth = scene.sphere, scene.limits[WORLD], scene.limits[DEPTH]
+    virtual = scene.limits[VIRTUAL]
+    live_f, live_i, ray_i, ray_f = b.live_f, b.live_i, b.ray_i, b.ray_f
+    words, real, exact = b.words, b.real, b.exact
+    meetings, meeting_t, colors, counters = b.meetings, b.meeting_t, b.colors, b.counters
+    volume_key = 2 * len(face_i) + len(scene.source_i)
+    tiny = _TOUCHING * sphere[3]
+    kept = 0
+    r = counters[RECORDS]
+    for i in range(counters[LIVE]):
+        x, y, z = live_f[0, i], live_f[1, i], live_f[2, i]
+        dx, dy, dz = live_f[3, i], live_f[4, i], live_f[5, i]
+        t, face = live_f[T, i], live_i[HIT, i]
+        nest, medium, code = live_i[NEST, i], live_i[MEDIUM, i], live_i[CODE, i]
+        state = np.uint64(live_i[RNG, i])
+        ray, last = live_i[RAY, i], live_i[LAST, i]
+        ux, uy, uz = dx, dy, dz
+        nx, ny, nz = 0.0, 0.0, 0.0
+        obj, triangle, event = -1, -1, 0
+        key, own = volume_key, -1
+        ignored = False
+        # Fly freely through a medium that absorbs or scatters
+        if medium_i[medium, M_PARTICIPATING] != 0:
+            event, t, dx, dy, dz, code, state = fly_freely(
+                medium_i, medium_f, tables, medium, t, dx, dy, dz, code, colors, counters, state
+            )
+        if event == 0 and face < 0:
+            event = LEFT_SCENE
+            t = _to_sphere(sphere, x, y, z, dx, dy, dz)
+        if virtual != 0:
+            _pass_detectors(
+                detector_i, detector_f, last, x, y, z, ux, uy, uz, t, words, meetings, meeting_t,
+                counters,
+            )  # fmt: skip
+        x += t * ux
+        y += t * uy
+        z += t * uz
+        if event == LEFT_SCENE:
+            nx, ny, nz = dx, dy, dz
+        elif event == 0:
+            # Meet the face: find out where the ray goes if it crosses
+            nx, ny, nz = face_normal(face_i[face, F_KIND], face_f, face, x, y, z)
+            cosine = dx * nx + dy * ny + dz * nz
+            inside, outside = face_i[face, F_INSIDE], face_i[face, F_OUTSIDE]
+            beyond = nest
+            if inside >= 0:
+                if cosine < 0.0:
+                    if outside >= 0:
+                        beyond = leave_body(beyond, outside)
+                    if beyond >= 0:
+                        beyond = enter_body(beyond, inside, body_i)
+                else:
+                    beyond = leave_body(beyond, inside)
+                    if beyond >= 0 and outside >= 0:
+                        beyond = enter_body(beyond, outside, body_i)
+                if beyond < 0 and t < tiny:
+                    # Rounding at an edge: the ray is on the right side already
+                    ignored = True
+                    counters[IGNORED] += 1
+                elif beyond >= 0 and top_body(beyond) == top_body(nest):
+                    ignored = True
+                    nest = beyond
+            own = face
+            if not ignored:
+                obj, triangle = face_i[face, F_OBJECT], face_i[face, F_TRIANGLE]
+                event = face_i[face, F_EVENT]
+                if beyond < 0:
+                    event |= GEOMETRY_ERROR
+                else:
+                    body = top_body(beyond)
+                    other = body_i[body, B_MEDIUM] if body >= 0 else world
+                    happened, crosses, dx, dy, dz, code, state = meet_surface(
+                        surface_i, surface_f, medium_i, medium_f, face_i[face, F_SURFACE], medium,
+                        other, dx, dy, dz, nx, ny, nz, cosine, code, colors, counters, state,
+                        follow,
+                    )  # fmt: skip
+                    event |= happened
+                    if crosses:
+                        nest = beyond
+                        if other != medium:
+                            event |= MEDIUM_CHANGED
+                        medium = other
+                    if face_i[face, F_DETECTOR] >= 0:
+                        event |= _register_on_face(
+                            detector_i, detector_f, face_i[face, F_DETECTOR], last, x, y, z, ux,
+                            uy, uz, t, words, meetings, meeting_t, counters,
+                        )  # fmt: skip
+            axis = face_i[face, F_AXIS]
+            along = dx if axis == 0 else (dy if axis == 1 else dz)
+            key = 2 * face + (1 if along >= 0.0 else 0)
+        if not ignored:
+            if ray_i[N_RECORDS, ray] >= depth and event & ENDING == 0:
+                event = (event & RIM_HIT) | DEPTH_LIMIT
+            write_record(
+                words, real, r, x, y, z, nx, ny, nz, obj, triangle, event, medium, code, ray
+            )
+            if len(exact) > 0:
+                exact[r, 0], exact[r, 1], exact[r, 2] = x, y, z
+            last = r
+            r += 1
+            ray_i[N_RECORDS, ray] += 1
+            if event & ENDING != 0:
+                ray_f[ray] = live_f[WEIGHT, i]
+                continue
+        # Go on
+        live_f[0, kept], live_f[1, kept], live_f[2, kept] = x, y, z
+        live_f[3, kept], live_f[4, kept], live_f[5, kept] = dx, dy, dz
+        live_f[WEIGHT, kept] = live_f[WEIGHT, i]
+        live_i[OWN, kept], live_i[KEY, kept] = own, key
+        live_i[NEST, kept], live_i[MEDIUM, kept], live_i[CODE, kept] = nest, medium, code
+        live_i[RNG, kept] = np.int64(state)
+        live_i[RAY, kept], live_i[LAST, kept] = ray, last
+        kept += 1
+    counters[LIVE] = kept
+    counters[RECORDS] = r
+
+
+@inline_kernel
+def write_record(
+    words: I32, real: NDArray[np.float32], r: int, x: float, y: float, z: float, nx: float,
+    ny: float, nz: float, obj: int, triangle: int, event: int, medium: int, code: int,
+    ray: int,
+) -> None:  # fmt: skip
+    """Write record ``r``."""
+    real[r, X], real[r, Y], real[r, Z] = x, y, z
+    p = np.int64(math.floor(nx * 32767.0 + 0.5))
+    q = np.int64(math.floor(ny * 32767.0 + 0.5))
+    s = np.int64(math.floor(nz * 32767.0 + 0.5))
+    words[r, NORMAL_XY] = (p & 0xFFFF) | (q << 16)
+    words[r, NORMAL_Z] = (s & 0xFFFF) | (obj << 16)
+    words[r, TRIANGLE] = triangle
+    words[r, EVENT] = event
+    words[r, R_MEDIUM] = medium
+    words[r, R_CODE] = code
+    words[r, R_RAY] = ray
+    words[r, COUNT] = 0
+    words[r, CHAIN] = -1
+
+
+@inline_kernel
+def _to_sphere(sphere: F64, x: float, y: float, z: float, dx: float, dy: float, dz: float) -> float:
+    """Distance to the far side of the bounding sphere, 0 outside it."""
+    wx, wy, wz = x - sphere[0], y - sphere[1], z - sphere[2]
+    b = wx * dx + wy * dy + wz * dz
+    c = wx * wx + wy * wy + wz * wz - sphere[3] * sphere[3]
+    return max(0.0, -b + math.sqrt(max(0.0, b * b - c)))
+
+
+@lean_kernel
+def _pass_detectors(
+    detector_i: I64, detector_f: F64, record: int, x: float, y: float, z: float, dx: float,
+    dy: float, dz: float, t_end: float, words: I32, meetings: I32, meeting_t: F64, counters: I64,
+) -> None:  # fmt: skip
+    """Note the virtual planes that a segment crosses."""
+    for d in range(len(detector_i)):
+        if detector_i[d, D_VIRTUAL] == 0:
+            continue
+        s = detector_f[d]
+        d_n = dx * s[9] + dy * s[10] + dz * s[11]
+        t = ((s[0] - x) * s[9] + (s[1] - y) * s[10] + (s[2] - z) * s[11]) / d_n
+        if not 0.0 < t <= t_end:
+            continue
+        px, py, pz = x + t * dx - s[0], y + t * dy - s[1], z + t * dz - s[2]
+        u = (px * s[3] + py * s[4] + pz * s[5]) / s[12] + 0.5
+        v = (px * s[6] + py * s[7] + pz * s[8]) / s[13] + 0.5
+        if u < 0.0 or u > 1.0 or v < 0.0 or v > 1.0:
+            continue
+        _describe(
+            detector_i, detector_f, d, record, u, v, -d_n, t, words, meetings, meeting_t, counters
+        )
+
+
+@lean_kernel
+def _register_on_face(
+    detector_i: I64, detector_f: F64, detector: int, record: int, x: float, y: float, z: float,
+    dx: float, dy: float, dz: float, t: float, words: I32, meetings: I32, meeting_t: F64,
+    counters: I64,
+) -> int:  # fmt: skip
+    """Register a meeting with the face of a blocking detector; event bits of that point."""
+    s = detector_f[detector]
+    px, py, pz = x - s[0], y - s[1], z - s[2]
+    u = min(1.0, max(0.0, (px * s[3] + py * s[4] + pz * s[5]) / s[12] + 0.5))
+    v = min(1.0, max(0.0, (px * s[6] + py * s[7] + pz * s[8]) / s[13] + 0.5))
+    cosine = -(dx * s[9] + dy * s[10] + dz * s[11])
+    if _describe(
+        detector_i, detector_f, detector, record, u, v, cosine, t, words, meetings, meeting_t,
+        counters,
+    ):  # fmt: skip
+        return REGISTERED
+    return 0
+
+
+@lean_kernel
+def _describe(
+    detector_i: I64, detector_f: F64, detector: int, record: int, u: float, v: float,
+    cosine: float, t: float, words: I32, meetings: I32, meeting_t: F64, counters: I64,
+) -> bool:  # fmt: skip
+    """Write a descriptor and sum it up in the record of its segment; True if it registers."""
+    facing = abs(cosine) if detector_f[detector, 15] > 0.0 else cosine
+    registered = facing > 0.0 and facing >= detector_f[detector, 14]
+    n_u, n_v = detector_i[detector, D_CELLS_U], detector_i[detector, D_CELLS_V]
+    cell_u = min(n_u - 1, np.int64(u * n_u))
+    cell_v = min(n_v - 1, np.int64(v * n_v))
+    k = counters[DESCRIPTORS]
+    meetings[k, D_DETECTOR] = detector
+    meetings[k, D_CELL] = cell_u | (cell_v << 16)
+    meetings[k, D_UV] = np.int64(u * 65535.0 + 0.5) | (np.int64(v * 65535.0 + 0.5) << 16)
+    meetings[k, D_COSINE] = np.int64(math.floor(cosine * 32767.0 + 0.5))
+    meetings[k, D_REGISTERED] = registered
+    meetings[k, D_PREVIOUS] = words[record, CHAIN]
+    meeting_t[k] = t
+    counters[DESCRIPTORS] = k + 1
+    words[record, CHAIN] = k
+    words[record, COUNT] += 1
+    words[record, EVENT] |= CROSSED | (REGISTERED if registered else 0)
+    return registered

@@ -1,0 +1,119 @@
+"""Nearest analytic face of all live rays.
+
+Rays are put in bundles that start from one place (a *departure*: a face and a sense along its main
+axis, a source, a medium). For each departure the scene lists the faces that can be met, by a lower
+bound of their distance. A bundle goes down its list and stops once every ray has met something
+nearer than all that follows; stragglers are packed together so that they do not hold up the rest.
+"""
+
+from __future__ import annotations
+
+import math
+
+from raymap.kernels import lean_kernel
+from tracer.engine.buffers import BUNDLE, HIT, KEY, ORDER, T
+from tracer.engine.buffers import OWN as LIVE_OWN
+from tracer.geometry.kinds import F64, I64
+from tracer.geometry.nearest import DISTANCE, OWN, nearest_on_face
+from tracer.scene.arrays import F_KIND
+
+__all__ = ["nearest_hits"]
+
+_SLOT = 3
+
+
+@lean_kernel
+def sort_by_departure(live_i: I64, n: int, bins: I64) -> None:
+    """Order the slots of ``n`` rays by departure; ``bins[k]`` becomes the end of departure k."""
+    for k in range(len(bins)):
+        bins[k] = 0
+    for i in range(n):
+        bins[live_i[KEY, i] + 1] += 1
+    for k in range(1, len(bins)):
+        bins[k] += bins[k - 1]
+    for i in range(n):
+        k = live_i[KEY, i]
+        live_i[ORDER, bins[k]] = i
+        bins[k] += 1
+
+
+@lean_kernel
+def nearest_hits(
+    face_i: I64, face_f: F64, pool: F64, first: I64, face: I64, distance: F64, live_f: F64,
+    live_i: I64, n: int, bundle_f: F64, bundle_i: I64, bins: I64,
+) -> None:  # fmt: skip
+    """Set distance and face met next of ``n`` rays (inf and -1 where nothing is met)."""
+    sort_by_departure(live_i, n, bins)
+    start = 0
+    for key in range(len(bins) - 1):
+        stop = bins[key]
+        while start < stop:
+            m = min(BUNDLE, stop - start)
+            _gather(live_f, live_i, start, m, bundle_f, bundle_i)
+            start += m
+            # Go down the list of candidates
+            row = 0
+            settled = 0.0
+            for c in range(first[key], first[key + 1]):
+                bound = distance[c]
+                if bound > settled:
+                    settled = bound
+                    waiting = _count_beyond(bundle_f, row, bound, m)
+                    if waiting == 0:
+                        break
+                    if 4 * waiting <= m:
+                        m = _keep_beyond(live_f, live_i, bundle_f, bundle_i, row, bound, m)
+                f = face[c]
+                nearest_on_face(face_i[f, F_KIND], face_f, f, pool, bundle_f, bundle_i, row, m)
+                row = 1 - row
+            for j in range(m):
+                i = bundle_i[_SLOT, j]
+                live_f[T, i] = bundle_f[DISTANCE + row, j]
+                live_i[HIT, i] = bundle_i[1 + row, j]
+
+
+@lean_kernel
+def _gather(live_f: F64, live_i: I64, start: int, m: int, bundle_f: F64, bundle_i: I64) -> None:
+    for j in range(m):
+        i = live_i[ORDER, start + j]
+        bundle_i[_SLOT, j] = i
+        bundle_i[OWN, j] = live_i[LIVE_OWN, i]
+        bundle_i[1, j] = -1
+        bundle_f[DISTANCE, j] = math.inf
+        bundle_f[0, j] = live_f[0, i]
+        bundle_f[1, j] = live_f[1, i]
+        bundle_f[2, j] = live_f[2, i]
+        bundle_f[3, j] = live_f[3, i]
+        bundle_f[4, j] = live_f[4, i]
+        bundle_f[5, j] = live_f[5, i]
+
+
+@lean_kernel
+def _count_beyond(bundle_f: F64, row: int, bound: float, m: int) -> int:
+    count = 0
+    for j in range(m):
+        count += bundle_f[DISTANCE + row, j] > bound
+    return count
+
+
+@lean_kernel
+def _keep_beyond(
+    live_f: F64, live_i: I64, bundle_f: F64, bundle_i: I64, row: int, bound: float, m: int
+) -> int:
+    """Hand back the rays that are settled, pack the others."""
+    kept = 0
+    for j in range(m):
+        t = bundle_f[DISTANCE + row, j]
+        i = bundle_i[_SLOT, j]
+        if t > bound:
+            bundle_i[_SLOT, kept] = i
+            bundle_i[OWN, kept] = bundle_i[OWN, j]
+            bundle_i[1 + row, kept] = bundle_i[1 + row, j]
+            bundle_f[DISTANCE + row, kept] = t
+            for k in range(6):
+                bundle_f[k, kept] = bundle_f[k, j]
+            kept += 1
+        else:
+            live_f[T, i] = t
+            live_i[HIT, i] = bundle_i[1 + row, j]
+    return kept

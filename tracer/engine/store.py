@@ -1,0 +1,184 @@
+"""From the records of a block in the order of time to the columns of a portion in ray order."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raymap.kernels import lean_kernel
+from tracer.engine.buffers import (
+    CHAIN,
+    COLORS,
+    COUNT,
+    D_CELL,
+    D_COSINE,
+    D_DETECTOR,
+    D_PREVIOUS,
+    D_REGISTERED,
+    D_UV,
+    EVENT,
+    N_RECORDS,
+    NORMAL_XY,
+    NORMAL_Z,
+    R_CODE,
+    R_MEDIUM,
+    R_RAY,
+    TRIANGLE,
+    Buffers,
+    X,
+    Y,
+    Z,
+)
+from tracer.geometry.kinds import F64, I64
+from tracer.scene.arrays import I32
+
+__all__ = ["Columns", "store_block"]
+
+I16 = NDArray[np.int16]
+U16 = NDArray[np.uint16]
+
+
+class Columns(NamedTuple):
+    """Columns of a portion under construction, with room to spare (see `raymap.Portion`)."""
+
+    records_per_ray: I32
+    weight: F64
+    position: NDArray[np.float32]
+    normal: I16
+    object: I16
+    triangle: I32
+    event: I32
+    medium: I16
+    color_code: I32
+    descriptor_count: U16
+    detector: I16
+    cell: U16
+    cosine: I16
+    uv: U16
+    registered: NDArray[np.bool_]
+    color_table: U16
+    exact: F64
+
+
+@lean_kernel
+def store_block(
+    n: int,
+    n_sources: int,
+    b: Buffers,
+    columns: Columns,
+    filled: I64,
+    color_map: I32,
+    order: I32,
+) -> None:
+    """Append the ``n`` rays of a finished block to the columns.
+
+    ``filled`` counts rays, records, descriptors and mixed colours in the columns and is brought up
+    to date. The first ``n_sources`` rows of the colour table are the sources' colours.
+    """
+    words, real, exact = b.words, b.real, b.exact
+    meetings, meeting_t, colors, ray_i = b.meetings, b.meeting_t, b.colors, b.ray_i
+    n_channels = colors.shape[1]
+    n_rays, n_records, n_descriptors, n_colors = filled[0], filled[1], filled[2], filled[3]
+    for k in range(b.counters[COLORS]):
+        color_map[k] = k if k < n_sources else -1
+    if n_colors == 0:
+        for k in range(n_sources):
+            _quantise(colors, k, columns.color_table, k)
+        n_colors = n_sources
+    # Find the place of every record: rays in order, records of a ray as they happened
+    total = 0
+    for ray in range(n):
+        count = ray_i[N_RECORDS, ray]
+        columns.records_per_ray[n_rays + ray] = count
+        columns.weight[n_rays + ray] = b.ray_f[ray]
+        ray_i[N_RECORDS, ray] = total
+        total += count
+    for r in range(total):
+        ray = words[r, R_RAY]
+        order[ray_i[N_RECORDS, ray]] = r
+        ray_i[N_RECORDS, ray] += 1
+    # Copy the records there
+    for k in range(total):
+        r = np.int64(order[k])
+        place = n_records + k
+        columns.position[place, 0] = real[r, X]
+        columns.position[place, 1] = real[r, Y]
+        columns.position[place, 2] = real[r, Z]
+        xy, z = words[r, NORMAL_XY], words[r, NORMAL_Z]
+        columns.normal[place, 0] = xy
+        columns.normal[place, 1] = xy >> 16
+        columns.normal[place, 2] = z
+        columns.object[place] = z >> 16
+        columns.triangle[place] = words[r, TRIANGLE]
+        columns.event[place] = words[r, EVENT]
+        columns.medium[place] = words[r, R_MEDIUM]
+        described = words[r, COUNT]
+        columns.descriptor_count[place] = described
+        if described > 0:
+            _place_descriptors(words, r, meetings, meeting_t, columns, n_descriptors)
+            n_descriptors += described
+        # Number mixed colours as they turn up
+        code = np.int64(words[r, R_CODE])
+        if code >= n_channels + n_sources:
+            row = code - n_channels
+            if color_map[row] < 0:
+                color_map[row] = n_colors
+                _quantise(colors, row, columns.color_table, n_colors)
+                n_colors += 1
+            code = n_channels + color_map[row]
+        columns.color_code[place] = code
+        if len(exact) > 0:
+            for axis in range(3):
+                columns.exact[place, axis] = exact[r, axis]
+    filled[0] = n_rays + n
+    filled[1] = n_records + total
+    filled[2] = n_descriptors
+    filled[3] = n_colors
+
+
+@lean_kernel
+def _place_descriptors(
+    words: I32, r: int, meetings: I32, meeting_t: F64, columns: Columns, place: int
+) -> None:
+    """Write the descriptors of one segment by rising distance."""
+    count = words[r, COUNT]
+    d = np.int64(words[r, CHAIN])
+    for _ in range(count):
+        # Rank among the descriptors of the segment; equal distances keep the order of detectors
+        rank = 0
+        other = np.int64(words[r, CHAIN])
+        for _ in range(count):
+            before = meeting_t[other] < meeting_t[d]
+            tie = meeting_t[other] == meeting_t[d] and other < d
+            rank += 1 if before or tie else 0
+            other = np.int64(meetings[other, D_PREVIOUS])
+        k = place + rank
+        w = meetings[d]
+        columns.detector[k] = w[D_DETECTOR]
+        columns.cell[k, 0] = w[D_CELL]
+        columns.cell[k, 1] = w[D_CELL] >> 16
+        columns.uv[k, 0] = w[D_UV]
+        columns.uv[k, 1] = w[D_UV] >> 16
+        columns.cosine[k] = w[D_COSINE]
+        columns.registered[k] = w[D_REGISTERED] != 0
+        d = np.int64(w[D_PREVIOUS])
+
+
+@lean_kernel
+def _quantise(colors: F64, row: int, table: U16, place: int) -> None:
+    """Shares as 16-bit numbers that sum to 65535: rounded down, the rest by largest remainder."""
+    n_channels = colors.shape[1]
+    rest = 65535
+    for k in range(n_channels):
+        value = np.int64(colors[row, k] * 65535.0)
+        table[place, k] = value
+        rest -= value
+    for _ in range(rest):
+        best, share = 0, -1.0
+        for k in range(n_channels):
+            remainder = colors[row, k] * 65535.0 - table[place, k]
+            if remainder > share:
+                best, share = k, remainder
+        table[place, best] += 1

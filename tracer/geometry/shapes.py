@@ -1,0 +1,405 @@
+"""Analytic faces as values: parameter row, bounds, implicit form and a mesh to draw.
+
+Positions and lengths in scene units. Each class builds the row that `tracer.geometry.kinds`
+describes; compiled code sees only kinds and rows.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raymap.directory import Quadric
+from tracer.geometry.kinds import (
+    ANNULUS,
+    ASPHERE,
+    CONE,
+    CONIC,
+    CYLINDER,
+    POLYGON,
+    RECTANGLE,
+    ROW,
+    SPHERE,
+)
+
+__all__ = [
+    "Annulus",
+    "Bounds",
+    "Conic",
+    "Cylinder",
+    "Frustum",
+    "Polygon",
+    "Rectangle",
+    "Shape",
+    "SphereCap",
+    "frame_of",
+]
+
+Array = NDArray[np.float64]
+Bounds = tuple[Array, Array]
+Mesh = tuple[Array, NDArray[np.int32]]
+
+_SEGMENTS = 48
+_RINGS = 8
+
+
+class Shape(Protocol):
+    """What a compiler asks of a face."""
+
+    @property
+    def kind(self) -> int: ...
+
+    def row(self) -> Array:
+        """Parameter row; polygons leave the pool entries to the compiler."""
+
+    def bounds(self) -> Bounds:
+        """Box that surely holds the face: lower and upper corner."""
+
+    def quadric(self) -> Quadric | None:
+        """Implicit form with outward gradient, None where there is none of second order."""
+
+    def mesh(self) -> Mesh:
+        """Vertices (n, 3) and triangles (m, 3) to draw."""
+
+
+def unit(vector: Array) -> Array:
+    return vector / np.linalg.norm(vector)
+
+
+def frame_of(axis: Array) -> Array:
+    """Orthonormal rows (u, v, axis) with u along +x where that is possible."""
+    w = unit(np.asarray(axis, float))
+    helper = np.array([1.0, 0.0, 0.0]) if abs(w[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    u = unit(helper - (helper @ w) * w)
+    return np.array([u, np.cross(w, u), w])
+
+
+def _padded(low: Array, high: Array) -> Bounds:
+    margin = 1e-9 * (1.0 + np.max(np.abs(np.concatenate([low, high]))))
+    return low - margin, high + margin
+
+
+def _ring_bounds(centers: list[Array], radii: list[float], axis: Array) -> Bounds:
+    """Box around circles across ``axis``."""
+    reach = np.sqrt(np.maximum(0.0, 1.0 - axis * axis))
+    low = np.min([c - r * reach for c, r in zip(centers, radii, strict=True)], axis=0)
+    high = np.max([c + r * reach for c, r in zip(centers, radii, strict=True)], axis=0)
+    return _padded(low, high)
+
+
+def _revolve(origin: Array, axis: Array, profile: list[tuple[float, float]]) -> Mesh:
+    """Mesh of a profile of (radius, height) turned about an axis."""
+    u, v, w = frame_of(axis)
+    angles = np.linspace(0.0, 2.0 * math.pi, _SEGMENTS, endpoint=False)
+    circle = np.cos(angles)[:, None] * u + np.sin(angles)[:, None] * v
+    rings = [origin + h * w + r * circle for r, h in profile]
+    triangles = []
+    for ring in range(len(profile) - 1):
+        for k in range(_SEGMENTS):
+            a = ring * _SEGMENTS + k
+            b = ring * _SEGMENTS + (k + 1) % _SEGMENTS
+            triangles += [(a, b, b + _SEGMENTS), (a, b + _SEGMENTS, a + _SEGMENTS)]
+    return np.concatenate(rings), np.array(triangles, np.int32)
+
+
+def _solve_axis(direction: Array) -> int:
+    return int(np.argmax(np.abs(direction)))
+
+
+def _quadric(
+    matrix: Array, vector: Array, constant: float, origin: Array, solve: int | None
+) -> Quadric:
+    """Quadric of (p-o)ᵀ M (p-o) + b . (p-o) + c in world coordinates."""
+    symmetric = 0.5 * (matrix + matrix.T)
+    linear = vector - 2.0 * symmetric @ origin
+    offset = float(origin @ symmetric @ origin - vector @ origin + constant)
+    m = symmetric
+    return Quadric(
+        coefficients=(
+            float(m[0, 0]), float(m[1, 1]), float(m[2, 2]),
+            2.0 * float(m[0, 1]), 2.0 * float(m[0, 2]), 2.0 * float(m[1, 2]),
+            float(linear[0]), float(linear[1]), float(linear[2]), offset,
+        ),
+        solve_axis=solve,  # type: ignore[arg-type]
+    )  # fmt: skip
+
+
+def _plane_quadric(origin: Array, normal: Array) -> Quadric:
+    return _quadric(np.zeros((3, 3)), normal, 0.0, origin, _solve_axis(normal))
+
+
+@dataclass(frozen=True, eq=False)
+class Annulus:
+    """Flat ring (a disc where ``inner`` is zero)."""
+
+    origin: Array
+    normal: Array
+    inner: float
+    outer: float
+    kind: int = ANNULUS
+
+    def row(self) -> Array:
+        s = np.zeros(ROW)
+        s[0:3], s[3:6] = self.origin, self.normal
+        s[6] = self.inner**2 if self.inner > 0.0 else -1.0
+        s[7] = self.outer**2
+        return s
+
+    def bounds(self) -> Bounds:
+        return _ring_bounds([self.origin], [self.outer], self.normal)
+
+    def quadric(self) -> Quadric | None:
+        return _plane_quadric(self.origin, self.normal)
+
+    def mesh(self) -> Mesh:
+        return _revolve(self.origin, self.normal, [(self.inner, 0.0), (self.outer, 0.0)])
+
+
+@dataclass(frozen=True, eq=False)
+class Rectangle:
+    """Rectangle with full ``size`` along the unit vectors u and v; its normal is u x v."""
+
+    origin: Array
+    u: Array
+    v: Array
+    size: tuple[float, float]
+    kind: int = RECTANGLE
+
+    @property
+    def normal(self) -> Array:
+        return np.cross(self.u, self.v)
+
+    def row(self) -> Array:
+        s = np.zeros(ROW)
+        s[0:3], s[3:6], s[6:9], s[9:12] = self.origin, self.normal, self.u, self.v
+        s[12], s[13] = self.size[0] / 2.0, self.size[1] / 2.0
+        return s
+
+    def corners(self) -> Array:
+        u, v = self.u * self.size[0] / 2.0, self.v * self.size[1] / 2.0
+        return self.origin + np.array([-u - v, u - v, u + v, v - u])
+
+    def bounds(self) -> Bounds:
+        corners = self.corners()
+        return _padded(corners.min(axis=0), corners.max(axis=0))
+
+    def quadric(self) -> Quadric | None:
+        return _plane_quadric(self.origin, self.normal)
+
+    def mesh(self) -> Mesh:
+        return self.corners(), np.array([(0, 1, 2), (0, 2, 3)], np.int32)
+
+
+@dataclass(frozen=True, eq=False)
+class Polygon:
+    """Convex flat polygon, ``vertices`` (n, 3) counter-clockwise seen against its normal."""
+
+    vertices: Array
+    kind: int = POLYGON
+
+    @property
+    def normal(self) -> Array:
+        v = self.vertices
+        return unit(np.sum(np.cross(v - v[0], np.roll(v, -1, axis=0) - v[0]), axis=0))
+
+    def half_planes(self) -> Array:
+        """(n, 4) rows (m, c): the polygon is where m . p <= c for all of them."""
+        edges = np.roll(self.vertices, -1, axis=0) - self.vertices
+        outward = np.cross(edges, self.normal)
+        outward /= np.linalg.norm(outward, axis=1)[:, None]
+        offsets = np.sum(outward * self.vertices, axis=1)
+        return np.column_stack([outward, offsets + 1e-13 * (1.0 + np.abs(offsets))])
+
+    def row(self) -> Array:
+        s = np.zeros(ROW)
+        s[0:3], s[3:6] = self.vertices[0], self.normal
+        return s
+
+    def bounds(self) -> Bounds:
+        return _padded(self.vertices.min(axis=0), self.vertices.max(axis=0))
+
+    def quadric(self) -> Quadric | None:
+        return _plane_quadric(self.vertices[0], self.normal)
+
+    def mesh(self) -> Mesh:
+        fan = [(0, k, k + 1) for k in range(1, len(self.vertices) - 1)]
+        return self.vertices, np.array(fan, np.int32)
+
+
+@dataclass(frozen=True, eq=False)
+class SphereCap:
+    """Part of a sphere about its vertex; ``axis`` points from the vertex to the centre.
+
+    ``sag`` is the height of its edge above the vertex (2 radius: the whole sphere); ``side`` +1
+    where the outward normal points away from the centre.
+    """
+
+    vertex: Array
+    axis: Array
+    radius: float
+    sag: float
+    side: float = 1.0
+    kind: int = SPHERE
+
+    def row(self) -> Array:
+        s = np.zeros(ROW)
+        s[0:3], s[3:6] = self.vertex, self.axis
+        s[6], s[7], s[8] = self.radius, self.sag, self.side / self.radius
+        return s
+
+    def bounds(self) -> Bounds:
+        center = self.vertex + self.radius * self.axis
+        if self.sag >= self.radius:
+            return _padded(center - self.radius, center + self.radius)
+        edge = math.sqrt(self.sag * (2.0 * self.radius - self.sag))
+        low, high = _ring_bounds(
+            [self.vertex, self.vertex + self.sag * self.axis], [0.0, edge], self.axis
+        )
+        # A cap may bulge beyond vertex and edge where a coordinate axis leaves it
+        for k in range(3):
+            for sign in (-1.0, 1.0):
+                if (1.0 + sign * self.axis[k]) * self.radius <= self.sag:
+                    reach = center[k] + sign * self.radius
+                    low[k], high[k] = min(low[k], reach), max(high[k], reach)
+        return _padded(low, high)
+
+    def quadric(self) -> Quadric | None:
+        matrix = self.side / (2.0 * self.radius) * np.eye(3)
+        return _quadric(matrix, -self.side * self.axis, 0.0, self.vertex, _solve_axis(self.axis))
+
+    def mesh(self) -> Mesh:
+        stop = math.acos(max(-1.0, 1.0 - self.sag / self.radius))
+        angles = np.linspace(0.0, stop, _RINGS + 1)
+        profile = [(self.radius * math.sin(a), self.radius * (1.0 - math.cos(a))) for a in angles]
+        return _revolve(self.vertex, self.axis, profile)
+
+
+@dataclass(frozen=True, eq=False)
+class Cylinder:
+    """Side of a cylinder from ``low`` to ``high`` along ``axis``; ``side`` +1: normal outward."""
+
+    origin: Array
+    axis: Array
+    radius: float
+    low: float
+    high: float
+    side: float = 1.0
+    kind: int = CYLINDER
+
+    def row(self) -> Array:
+        s = np.zeros(ROW)
+        s[0:3], s[3:6] = self.origin, self.axis
+        s[6], s[7], s[8], s[9] = self.radius, self.low, self.high, self.side
+        return s
+
+    def bounds(self) -> Bounds:
+        ends = [self.origin + self.low * self.axis, self.origin + self.high * self.axis]
+        return _ring_bounds(ends, [self.radius, self.radius], self.axis)
+
+    def quadric(self) -> Quadric | None:
+        matrix = self.side * (np.eye(3) - np.outer(self.axis, self.axis)) / (2.0 * self.radius)
+        return _quadric(matrix, np.zeros(3), -self.side * self.radius / 2.0, self.origin, None)
+
+    def mesh(self) -> Mesh:
+        profile = [(self.radius, self.low), (self.radius, self.high)]
+        return _revolve(self.origin, self.axis, profile)
+
+
+@dataclass(frozen=True, eq=False)
+class Frustum:
+    """Side of a cone whose radius grows by ``slope`` along ``axis`` from ``low`` to ``high``."""
+
+    origin: Array
+    axis: Array
+    radius: float
+    slope: float
+    low: float
+    high: float
+    side: float = 1.0
+    kind: int = CONE
+
+    def row(self) -> Array:
+        s = np.zeros(ROW)
+        s[0:3], s[3:6] = self.origin, self.axis
+        s[6:11] = self.radius, self.slope, self.low, self.high, self.side
+        return s
+
+    def bounds(self) -> Bounds:
+        ends = [self.origin + self.low * self.axis, self.origin + self.high * self.axis]
+        radii = [self.radius + self.slope * self.low, self.radius + self.slope * self.high]
+        return _ring_bounds(ends, radii, self.axis)
+
+    def quadric(self) -> Quadric | None:
+        scale = self.side / 2.0
+        matrix = scale * (np.eye(3) - (1.0 + self.slope**2) * np.outer(self.axis, self.axis))
+        vector = -2.0 * scale * self.radius * self.slope * self.axis
+        return _quadric(matrix, vector, -scale * self.radius**2, self.origin, None)
+
+    def mesh(self) -> Mesh:
+        profile = [
+            (self.radius + self.slope * self.low, self.low),
+            (self.radius + self.slope * self.high, self.high),
+        ]
+        return _revolve(self.origin, self.axis, profile)
+
+
+@dataclass(frozen=True, eq=False)
+class Conic:
+    """Conic of revolution, or even asphere where ``aspheric`` has coefficients of r^4, r^6 ….
+
+    Sag c r² / (1 + sqrt(1 - (1 + k) c² r²)) + Σ A_i r^(2i) along ``axis``; ``side`` +1 where the
+    outward normal points against the axis.
+    """
+
+    vertex: Array
+    axis: Array
+    curvature: float
+    conic: float
+    semi_diameter: float
+    side: float = 1.0
+    aspheric: tuple[float, ...] = ()
+
+    @property
+    def kind(self) -> int:
+        return ASPHERE if any(self.aspheric) else CONIC
+
+    def row(self) -> Array:
+        s = np.zeros(ROW)
+        s[0:3], s[3:6] = self.vertex, self.axis
+        s[6], s[7] = self.curvature, 1.0 + self.conic
+        s[8], s[9] = self.semi_diameter**2, self.side
+        s[10 : 10 + len(self.aspheric)] = self.aspheric
+        return s
+
+    def sag(self, r: float) -> float:
+        """Height of the surface above its vertex at radius ``r``; nan outside it."""
+        inner = 1.0 - (1.0 + self.conic) * (self.curvature * r) ** 2
+        if inner < 0.0:
+            return math.nan
+        powers = sum(a * r ** (4 + 2 * k) for k, a in enumerate(self.aspheric))
+        return self.curvature * r * r / (1.0 + math.sqrt(inner)) + powers
+
+    def bounds(self) -> Bounds:
+        sags = [self.sag(self.semi_diameter * k / 64.0) for k in range(65)]
+        margin = 1e-2 * (max(sags) - min(sags)) if any(self.aspheric) else 0.0
+        ends = [
+            self.vertex + (min(sags) - margin) * self.axis,
+            self.vertex + (max(sags) + margin) * self.axis,
+        ]
+        return _ring_bounds(ends, [self.semi_diameter, self.semi_diameter], self.axis)
+
+    def quadric(self) -> Quadric | None:
+        if any(self.aspheric):
+            return None
+        matrix = 0.5 * self.curvature * (np.eye(3) + self.conic * np.outer(self.axis, self.axis))
+        return _quadric(
+            self.side * matrix, -self.side * self.axis, 0.0, self.vertex, _solve_axis(self.axis)
+        )
+
+    def mesh(self) -> Mesh:
+        radii = np.linspace(0.0, self.semi_diameter, _RINGS + 1)
+        return _revolve(self.vertex, self.axis, [(float(r), self.sag(float(r))) for r in radii])

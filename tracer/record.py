@@ -1,0 +1,410 @@
+"""Record a scene: portions traced by many threads, written in number order."""
+
+from __future__ import annotations
+
+import os
+import time
+import warnings
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from raymap.encoder import EncodedPortion
+from raymap.errors import MapExists, SceneError
+from raymap.portion import Descriptors, Portion
+from raymap.schema import PORTION_RAYS, PORTION_RECORDS
+from raymap.writer import RayMapWriter
+from tracer.engine.wavefront import Wavefront
+from tracer.scene.compile import Compilation, compile_scene
+from tracer.scene.load import load_scene
+from tracer.scene.model import Scene
+from tracer.tally import Tally
+
+__all__ = ["Progress", "RecordResult", "StoppedLight", "record", "split_portion"]
+
+DEFAULT_RAYS = 1_000_000
+DEFAULT_SEED = 1
+STOPPED_SHARE = 1e-4
+"""A larger share of light stopped by the depth limit is warned about."""
+
+_PILOT_RAYS = 1024
+
+
+class StoppedLight(UserWarning):
+    """The depth limit stopped more light than can be neglected."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Progress:
+    """Where a running trace stands."""
+
+    rays: int
+    records: int
+    seconds: float
+    bytes: int
+    total_rays: int | None
+    total_seconds: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordResult:
+    """What a trace did.
+
+    Attributes
+    ----------
+    rays, records, bytes : of this run; ``bytes`` is 0 where no map was written
+    seconds : from the first ray to the closed file, compilation excluded
+    audit : per source how its rays ended, exclusive; they add up to ``emitted``
+    absorbed_by : objects and media with the light that they absorbed
+    warnings : one line each
+    interrupted : stopped by Ctrl-C; the map is valid
+    """
+
+    rays: int
+    records: int
+    seconds: float
+    rays_per_second: float
+    bytes: int
+    threads: int
+    seed: int
+    audit: dict[str, dict[str, float]]
+    absorbed_by: dict[str, dict[str, float]]
+    warnings: list[str] = field(default_factory=list)
+    interrupted: bool = False
+    detectors: dict[str, Any] = field(default_factory=dict, repr=False)
+
+
+def record(
+    scene: str | Path | Scene | Compilation,
+    path: str | Path | None = None,
+    *,
+    rays: int | None = None,
+    seconds: float | None = None,
+    threads: int | None = None,
+    seed: int | None = None,
+    append: bool = False,
+    force: bool = False,
+    raw: bool = False,
+    no_rays: bool = False,
+    portion_rays: int | None = None,
+    progress: Callable[[Progress], None] | None = None,
+    executor: Executor | None = None,
+) -> RecordResult:
+    """Trace a scene and record every light path in a ray map.
+
+    Parameters
+    ----------
+    scene : a scene file, a `Scene`, or the result of `compile_scene`
+    path : of the map; None with ``no_rays``
+    rays, seconds : when to stop; a million rays where neither is given
+    threads : worker threads, all processors by default
+    seed : of the random numbers; by default that of the map when it is continued, else 1
+    append : continue a map of the same scene; ``force``: write over an existing one
+    raw : store streams uncompressed, for debugging
+    no_rays : trace for the detectors' results only
+    portion_rays : rays per portion; the map's content does not depend on it
+    progress : called after every portion, in the calling thread
+    executor : runs the portions instead of a thread pool; it must share this process's memory
+
+    Raises
+    ------
+    SceneError, MapExists, MapLocked, SceneMismatch
+    """
+    compilation = _compiled(scene)
+    if (path is None) != no_rays:
+        raise SceneError("name the map to write (or ask for detector results only with no_rays)")
+    if rays is not None and rays < 1:
+        raise SceneError(f"rays must be at least 1, not {rays}")
+    if rays is None and seconds is None:
+        rays = DEFAULT_RAYS
+    count = threads or os.cpu_count() or 1
+    if path is None:
+        return _Run(compilation, None, rays, seconds, seed, count, portion_rays, progress).go(
+            executor
+        )
+    with _writer(Path(path), compilation, append=append, force=force, raw=raw) as writer:
+        return _Run(compilation, writer, rays, seconds, seed, count, portion_rays, progress).go(
+            executor
+        )
+
+
+def _compiled(scene: str | Path | Scene | Compilation) -> Compilation:
+    if isinstance(scene, Compilation):
+        return scene
+    return compile_scene(scene if isinstance(scene, Scene) else load_scene(scene))
+
+
+def _writer(
+    path: Path, compilation: Compilation, *, append: bool, force: bool, raw: bool
+) -> RayMapWriter:
+    if append and path.exists():
+        return RayMapWriter.append_to(path, compilation.directory, raw=raw, trusted=True)
+    if path.exists() and not force:
+        raise MapExists(
+            f"{str(path)!r} exists and stays as it is; continue it with --append, write over it "
+            "with --force, or choose another name"
+        )
+    return RayMapWriter.create(
+        path,
+        compilation.directory,
+        meshes=compilation.meshes,
+        force=force,
+        raw=raw,
+        trusted=True,
+    )
+
+
+class _Run:
+    """One trace: hands out portions, collects them in order."""
+
+    def __init__(
+        self,
+        compilation: Compilation,
+        writer: RayMapWriter | None,
+        rays: int | None,
+        seconds: float | None,
+        seed: int | None,
+        threads: int,
+        portion_rays: int | None,
+        progress: Callable[[Progress], None] | None,
+    ) -> None:
+        self.compilation = compilation
+        self.writer = writer
+        self.rays, self.seconds = rays, seconds
+        self.threads = threads
+        self.progress = progress
+        self.seed = self._seed(seed)
+        self.engine = Wavefront(compilation.arrays, self.seed)
+        self.tally = Tally(compilation.directory, compilation.channel_set)
+        self.portion_rays = portion_rays or self._portion_rays()
+        self.channel_set = writer.add_channel_set(compilation.channel_set) if writer else 0
+        self.first_ray = writer.next_ray if writer else 0
+        self.bytes_before = writer.bytes_written if writer else 0
+
+    def _seed(self, seed: int | None) -> int:
+        if seed is not None:
+            return seed
+        runs = self.writer.runs if self.writer else []
+        known = [run["seed"] for run in runs if run.get("seed") is not None]
+        return int(known[-1]) if known else DEFAULT_SEED
+
+    def _portion_rays(self) -> int:
+        """Rays whose records surely fit a portion, judged by a few rays traced for it."""
+        pilot = self.engine.trace(0, _PILOT_RAYS, reuse=True)
+        fitting = 0.8 * PORTION_RECORDS * pilot.n_rays / pilot.n_records
+        return max(64, min(PORTION_RAYS, 2 ** int(np.log2(fitting))))
+
+    def go(self, executor: Executor | None) -> RecordResult:
+        if self.writer:
+            self.writer.start_run(
+                seed=self.seed,
+                parameters={"threads": self.threads, "portion_rays": self.portion_rays},
+            )
+        began = time.perf_counter()
+        interrupted = False
+        pool = executor or ThreadPoolExecutor(self.threads, thread_name_prefix="tracer")
+        try:
+            interrupted = self._trace(pool, began)
+        finally:
+            if executor is None:
+                pool.shutdown(wait=True, cancel_futures=True)
+        notes = self._notes()
+        if self.writer:
+            for k in range(len(self.compilation.directory.detectors)):
+                sums, sums2 = self.tally.detector_sums(k)
+                self.writer.add_detector_result(k, sums, sums2, channel_set=self.channel_set)
+        elapsed = time.perf_counter() - began
+        if self.writer:
+            self.writer.finish(
+                {
+                    "rays": self.tally.rays,
+                    "seconds": elapsed,
+                    "audit": self.tally.audit(),
+                    "interrupted": interrupted,
+                }
+            )
+            elapsed = time.perf_counter() - began
+        for note in notes:
+            warnings.warn(note, StoppedLight, stacklevel=3)
+        detectors = {
+            item.name: self.tally.detector_sums(k)
+            for k, item in enumerate(self.compilation.directory.detectors)
+        }
+        return RecordResult(
+            rays=self.tally.rays,
+            records=self.tally.records,
+            seconds=elapsed,
+            rays_per_second=self.tally.rays / elapsed if elapsed > 0.0 else 0.0,
+            bytes=self.writer.bytes_written if self.writer else 0,
+            threads=self.threads,
+            seed=self.seed,
+            audit=self.tally.audit(),
+            absorbed_by=self.tally.absorbed_by(),
+            warnings=notes,
+            interrupted=interrupted,
+            detectors=detectors,
+        )
+
+    def _trace(self, pool: Executor, began: float) -> bool:
+        """Keep every thread busy; commit in order. True if Ctrl-C stopped it."""
+        pending: deque[tuple[int, int, Future[EncodedPortion | list[Portion] | None]]] = deque()
+        planned = 0
+        number = self.writer.next_portion if self.writer else 0
+        interrupted = False
+        while True:
+            try:
+                while not interrupted and len(pending) < 2 * self.threads + 2:
+                    n = self._next_size(planned, began)
+                    if n == 0:
+                        break
+                    first = self.first_ray + planned
+                    pending.append((first, n, pool.submit(self._portion, first, n, number)))
+                    planned += n
+                    number += 1
+                if not pending:
+                    return interrupted
+                first, n, future = pending[0]
+                result = future.result()
+                pending.popleft()
+                shifted = self._commit(result, first, n)
+                if shifted:
+                    number += shifted
+                if self.progress:
+                    self._report(began)
+            except KeyboardInterrupt:
+                interrupted = True
+                # What is under way is finished and kept, what is only queued is dropped
+                while pending and pending[-1][2].cancel():
+                    pending.pop()
+
+    def _next_size(self, planned: int, began: float) -> int:
+        if self.seconds is not None and time.perf_counter() - began >= self.seconds:
+            return 0
+        if self.rays is None:
+            return self.portion_rays
+        return min(self.portion_rays, self.rays - planned)
+
+    def _portion(self, first: int, n: int, number: int) -> EncodedPortion | list[Portion] | None:
+        """Trace and encode one portion (worker thread)."""
+        portion = self.engine.trace(first, n, reuse=True)
+        if self.channel_set:
+            portion = replace(portion, channel_set=self.channel_set)
+        self.tally.add(portion)
+        if self.writer is None:
+            return None
+        if portion.n_records > PORTION_RECORDS and portion.n_rays > 1:
+            pieces = split_portion(portion)
+            return [_copied(piece) for piece in pieces]
+        return self.writer.encode(portion, number)
+
+    def _commit(self, result: EncodedPortion | list[Portion] | None, first: int, n: int) -> int:
+        """Write what a worker made; by how many later numbers shift."""
+        if result is None or self.writer is None:
+            return 0
+        if isinstance(result, list):
+            for piece in result:
+                self.writer.commit(self.writer.encode(piece, self.writer.next_portion))
+            return len(result) - 1
+        if result.number != self.writer.next_portion:
+            # An earlier portion was split after this one was numbered
+            portion = self.engine.trace(first, n, reuse=True)
+            portion = replace(portion, channel_set=self.channel_set)
+            result = self.writer.encode(portion, self.writer.next_portion)
+        self.writer.commit(result)
+        return 0
+
+    def _report(self, began: float) -> None:
+        if self.progress:
+            self.progress(
+                Progress(
+                    rays=self.tally.rays,
+                    records=self.tally.records,
+                    seconds=time.perf_counter() - began,
+                    bytes=self.writer.bytes_written if self.writer else 0,
+                    total_rays=self.rays,
+                    total_seconds=self.seconds,
+                )
+            )
+
+    def _notes(self) -> list[str]:
+        stopped, errors = self.tally.share("stopped"), self.tally.share("errors")
+        notes = []
+        if stopped > STOPPED_SHARE:
+            notes.append(
+                f"the depth limit of {self.compilation.scene.limits.depth} stopped {stopped:.3%} "
+                "of the light; raise limits.depth"
+            )
+        if errors > 0.0:
+            notes.append(
+                f"{errors:.3%} of the light met faces in a wrong order (geometry errors); bodies "
+                "overlap or touch: raymap query MAP 'event(geometry_error)' shows where"
+            )
+        return notes
+
+
+def split_portion(portion: Portion) -> list[Portion]:
+    """Cut a portion where it would pass the limit of records; one ray is never cut."""
+    offsets = np.concatenate(([0], np.cumsum(portion.records_per_ray)))
+    meetings = np.concatenate(([0], np.cumsum(portion.descriptor_count, dtype=np.int64)))
+    pieces = []
+    start = 0
+    while start < portion.n_rays:
+        limit = offsets[start] + PORTION_RECORDS
+        stop = max(start + 1, int(np.searchsorted(offsets, limit, side="right")) - 1)
+        pieces.append(_piece(portion, offsets, meetings, start, stop))
+        start = stop
+    return pieces
+
+
+def _piece(portion: Portion, offsets: Any, meetings: Any, start: int, stop: int) -> Portion:
+    """Rays ``start`` to ``stop`` of a portion."""
+    records = slice(int(offsets[start]), int(offsets[stop]))
+    found = slice(int(meetings[records.start]), int(meetings[records.stop]))
+    d = portion.descriptors
+    source = portion.source[start:stop]
+    return replace(
+        portion,
+        emitted=np.bincount(source, minlength=len(portion.emitted)).astype(np.int64),
+        source=source,
+        records_per_ray=portion.records_per_ray[start:stop],
+        **{
+            name: getattr(portion, name)[records]
+            for name in (
+                "position", "normal", "object", "triangle", "event", "medium", "color_code",
+                "descriptor_count",
+            )
+        },
+        descriptors=Descriptors(
+            detector=d.detector[found],
+            cell=d.cell[found],
+            cosine=d.cosine[found],
+            uv=d.uv[found],
+            registered=d.registered[found],
+        ),
+        first_ray=portion.first_ray + start,
+    )  # fmt: skip
+
+
+def _copied(portion: Portion) -> Portion:
+    """A portion that owns its columns."""
+    columns = (
+        "position", "normal", "object", "triangle", "event", "medium", "color_code",
+        "color_table", "descriptor_count", "records_per_ray", "source",
+    )  # fmt: skip
+    d = portion.descriptors
+    return replace(
+        portion,
+        **{name: getattr(portion, name).copy() for name in columns},
+        descriptors=Descriptors(
+            detector=d.detector.copy(),
+            cell=d.cell.copy(),
+            cosine=d.cosine.copy(),
+            uv=d.uv.copy(),
+            registered=d.registered.copy(),
+        ),
+    )

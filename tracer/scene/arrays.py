@@ -1,0 +1,92 @@
+"""A compiled scene: plain tables that compiled code takes, nothing else.
+
+Every table is an array of integers or of numbers with named columns, few enough to hand to a
+compiled function. ``C`` is the number of colour channels. A ray's *nest* is the stack of the bodies
+that it is in (`tracer.engine.nests`).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tracer.geometry.kinds import F64, I64
+
+I32 = NDArray[np.int32]
+U64 = NDArray[np.uint64]
+
+# Columns of face_i: kind and shape (`tracer.geometry.kinds`), what a record says of the face, its
+# surface, the bodies behind and before its outward normal (-1 none), the blocking detector that
+# registers on it (-1 none), event bits of every meeting, coordinate axis nearest to its normal
+F_KIND, F_OBJECT, F_TRIANGLE, F_SURFACE, F_INSIDE, F_OUTSIDE, F_DETECTOR, F_EVENT, F_AXIS = range(9)
+
+# Columns of surface_i; surface_f holds a parameter row, then reflectance and transmittance (C each)
+S_KIND, S_MODEL = range(2)
+SURFACE_ROW = 16
+
+# Columns of medium_i; medium_f holds index, absorption, scattering (C each) [1 / scene unit] and
+# the row of the phase function. Participating: 0 clear, 1 alike in all channels, 2 not
+M_DISPERSIVE, M_PARTICIPATING = range(2)
+
+# Columns of body_i
+B_MEDIUM, B_PRIORITY = range(2)
+
+# Columns of source_i; source_f: center 0-2, normal 3-5, u 6-8, v 9-11, half sizes or inner and outer
+# radius 12-13, cosine that limits the cone 14, direction of a collimated beam 15-17, normal in the
+# record 18-20, then the shares of the channels (C)
+L_AREA, L_DIRECTIONS, L_CODE, L_NEST, L_MEDIUM = range(5)
+SOURCE_ROW = 24
+
+# Columns of detector_i; detector_f: center 0-2, u 3-5, v 6-8, looking direction 9-11, full size
+# 12-13, smallest accepted cosine 14, 1 where both sides register 15
+D_CELLS_U, D_CELLS_V, D_VIRTUAL = range(3)
+
+# Entries of limits
+DEPTH, WORLD, VIRTUAL = range(3)
+
+# Kinds of surfaces
+ABSORBER, DIELECTRIC, LAMBERTIAN, MIRROR = range(4)
+
+# Where a source emits from, and into which directions
+FROM_DISC, FROM_RECTANGLE, FROM_POINT = range(3)
+COLLIMATED, LAMBERTIAN_CONE, UNIFORM_CONE = range(3)
+
+
+class CompiledScene(NamedTuple):
+    """All that a trace needs.
+
+    face_i (n, 9), face_f (n, 16), pool : analytic faces; half-planes of polygons
+    surface_i, surface_f, medium_i, medium_f, body_i, source_i, source_f, detector_i, detector_f
+    pattern : deals ray numbers to sources
+    first, face, distance : candidate lists (`tracer.scene.candidates`)
+    tables : flat pool of all sampled functions
+    sphere : center and radius of the bounding sphere
+    limits : most points of a ray, medium of the world, whether any detector is virtual
+    """
+
+    face_i: I64
+    face_f: F64
+    pool: F64
+    surface_i: I64
+    surface_f: F64
+    medium_i: I64
+    medium_f: F64
+    body_i: I64
+    source_i: I64
+    source_f: F64
+    detector_i: I64
+    detector_f: F64
+    pattern: I64
+    first: I64
+    face: I64
+    distance: F64
+    tables: F64
+    sphere: F64
+    limits: I64
+
+    @property
+    def n_channels(self) -> int:
+        """Number of colour channels (host only)."""
+        return self.source_f.shape[1] - SOURCE_ROW

@@ -1,0 +1,153 @@
+"""Read a scene file: TOML, variants, validation; every complaint is one line with its key."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from raymap.errors import SceneError
+from tracer.geometry.bodies import BODIES, Body
+from tracer.scene.model import (
+    DetectorModel,
+    MediumModel,
+    Scene,
+    SourceModel,
+    SurfaceModel,
+)
+
+__all__ = ["load_scene", "parse_scene"]
+
+Model = TypeVar("Model", bound=BaseModel)
+
+_NAMED: dict[str, type[BaseModel]] = {
+    "media": MediumModel,
+    "surfaces": SurfaceModel,
+    "sources": SourceModel,
+    "detectors": DetectorModel,
+}
+
+
+def load_scene(path: str | Path, *, variants: Sequence[str] = ()) -> Scene:
+    """Read and validate a scene file.
+
+    Parameters
+    ----------
+    path : a TOML file
+    variants : names of tables ``[variants.NAME]`` that are laid over the scene, in this order
+
+    Raises
+    ------
+    SceneError
+        with the file, the key, what is wrong and what to do
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise SceneError(f"there is no scene file {str(path)!r}; check the path") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise SceneError(f"cannot read the scene file {str(path)!r}: {error}") from None
+    return parse_scene(text, variants=variants, origin=path.name)
+
+
+def parse_scene(text: str, *, variants: Sequence[str] = (), origin: str = "scene") -> Scene:
+    """As `load_scene`, from the text of a scene file; ``origin`` names it in messages."""
+    try:
+        tree = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise SceneError(f"{origin}: not a TOML file: {error}") from None
+    known = tree.pop("variants", {})
+    for name in variants:
+        if name not in known:
+            raise SceneError(f"{origin}: there is no variant {name!r}{_nearest(name, known)}")
+        tree = _overlaid(tree, known[name])
+    tree["text"] = text
+    tree["origin"] = origin
+    for table, model in _NAMED.items():
+        entries = _table(tree, table, origin)
+        tree[table] = {
+            name: _validated(model, entry, f"{table}.{name}", origin)
+            for name, entry in entries.items()
+        }
+    tree["bodies"] = {
+        name: _body(entry, name, origin) for name, entry in _table(tree, "bodies", origin).items()
+    }
+    return _validated(Scene, tree, "", origin)
+
+
+def _overlaid(base: Any, over: Any) -> Any:
+    """``over`` laid over ``base``: tables are merged, all else is replaced."""
+    if not (isinstance(base, Mapping) and isinstance(over, Mapping)):
+        return over
+    merged = dict(base)
+    for key, value in over.items():
+        merged[key] = _overlaid(base[key], value) if key in base else value
+    return merged
+
+
+def _table(tree: dict[str, Any], key: str, origin: str) -> dict[str, Any]:
+    entries = tree.get(key, {})
+    if not isinstance(entries, dict):
+        raise SceneError(f"{origin}: {key}: must be a table of named entries, [{key}.NAME]")
+    for name, entry in entries.items():
+        if not isinstance(entry, dict):
+            raise SceneError(f"{origin}: {key}.{name}: must be a table, [{key}.{name}]")
+        if not name or any(letter in name for letter in "*?\\\"'()"):
+            raise SceneError(
+                f"{origin}: {key}: the name {name!r} cannot be asked for in criteria; "
+                "use letters, digits, '_', '-' or '.'"
+            )
+    return entries
+
+
+def _body(entry: dict[str, Any], name: str, origin: str) -> Body:
+    kind = entry.get("kind")
+    if kind is None:
+        raise SceneError(f"{origin}: bodies.{name}: kind is missing; one of {', '.join(BODIES)}")
+    if kind not in BODIES:
+        raise SceneError(
+            f"{origin}: bodies.{name}.kind: there is no body {kind!r}{_nearest(str(kind), BODIES)}"
+        )
+    return _validated(BODIES[kind], entry, f"bodies.{name}", origin)
+
+
+def _validated(model: type[Model], entry: Any, place: str, origin: str) -> Model:
+    try:
+        return model.model_validate(entry)
+    except ValidationError as error:
+        raise SceneError(f"{origin}: {_first_line(error, model, place)}") from None
+
+
+def _first_line(error: ValidationError, model: type[BaseModel], place: str) -> str:
+    """The first complaint as 'key: what is wrong; remedy'."""
+    problem = error.errors()[0]
+    parts = [str(part) for part in problem["loc"]]
+    fields = model
+    for part in parts[:-1]:
+        annotation = fields.model_fields[part].annotation if part in fields.model_fields else None
+        fields = annotation if isinstance(annotation, type) and issubclass(annotation, BaseModel) else fields  # fmt: skip # noqa: E501
+    key = ".".join(part for part in [place, *parts] if part)
+    if problem["type"] == "extra_forbidden":
+        return f"{key}: unknown key{_nearest(parts[-1], fields.model_fields)}"
+    if problem["type"] == "missing":
+        return f"{key}: is missing"
+    message = problem["msg"].removeprefix("Value error, ")
+    message = message[0].lower() + message[1:]
+    given = problem.get("input")
+    shown = f" (it is {given!r})" if isinstance(given, int | float | str) else ""
+    more = len(error.errors()) - 1
+    rest = f" [and {more} more]" if more else ""
+    return f"{key}: {message}{shown}{rest}"
+
+
+def _nearest(name: str, known: Mapping[str, Any]) -> str:
+    """'; did you mean …' or the list of what there is."""
+    close = difflib.get_close_matches(name, list(known), n=2, cutoff=0.6)
+    if close:
+        return f"; did you mean {' or '.join(repr(item) for item in close)}?"
+    return f"; known are {', '.join(known)}" if known else "; there are none"

@@ -1,0 +1,139 @@
+"""Media of a scene by number, with their coefficients at the channels of the trace."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raymap.directory import Medium
+from raymap.errors import SceneError
+from tracer.optics import dispersion, phase
+from tracer.scene.load import _nearest
+from tracer.scene.model import RGB_NM, MediumModel, Phase, Scene
+
+__all__ = ["MediumTable", "medium_table", "refractive_index"]
+
+Array = NDArray[np.float64]
+
+_BUILT_IN = {"air": MediumModel(index=1.0), "vacuum": MediumModel(index=1.0)}  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MediumTable:
+    """Media by number: arrays for the engine, entries for the map, tables of phase functions."""
+
+    names: tuple[str, ...]
+    integers: NDArray[np.int64]
+    numbers: Array
+    index: Array
+    absorption: Array
+    entries: tuple[Medium, ...]
+    tables: Array
+    origin: str
+
+    def number(self, name: str, place: str = "world.medium") -> int:
+        """Index of a medium by name.
+
+        Raises
+        ------
+        SceneError
+            if the scene has no such medium
+        """
+        if name not in self.names:
+            known = dict.fromkeys(self.names, 0)
+            raise SceneError(
+                f"{self.origin}: {place}: there is no medium {name!r}{_nearest(name, known)} "
+                f"(or add [media.{name}])"
+            )
+        return self.names.index(name)
+
+
+def medium_table(scene: Scene, wavelengths_nm: Array) -> MediumTable:
+    """Number the media of a scene; air and vacuum are always there."""
+    models = {**_BUILT_IN, **scene.media}
+    n, channels = len(models), len(wavelengths_nm)
+    index = np.empty((n, channels))
+    absorption, scattering = np.zeros((n, channels)), np.zeros((n, channels))
+    phases = np.zeros((n, phase.PHASE_ROW))
+    tables: list[Array] = []
+    for k, (name, model) in enumerate(models.items()):
+        place = f"{scene.origin}: media.{name}"
+        index[k] = refractive_index(model, wavelengths_nm, place)
+        if model.absorption is not None:
+            absorption[k] = model.absorption.at(wavelengths_nm, np.array(RGB_NM))
+        if model.scattering is not None:
+            given = model.scattering
+            if given.coefficient is not None:
+                scattering[k] = given.coefficient.at(wavelengths_nm, np.array(RGB_NM))
+            else:
+                scattering[k] = 1.0 / (given.mean_free_path or 1.0)
+            if given.albedo is not None:
+                absorption[k] += scattering[k] * (1.0 - given.albedo)
+                scattering[k] *= given.albedo
+            phases[k], table = _phase_row(given.phase, sum(map(len, tables)), name)
+            tables.append(table)
+        if min(absorption[k].min(), scattering[k].min()) < 0.0:
+            raise SceneError(f"{place}: absorption and scattering must not be negative")
+    extinction = absorption + scattering
+    varied = (np.ptp(absorption, axis=1) > 0.0) | (np.ptp(scattering, axis=1) > 0.0)
+    return MediumTable(
+        names=tuple(models),
+        integers=np.column_stack(
+            [
+                np.ptp(index, axis=1) > 0.0,
+                np.where(np.any(extinction > 0.0, axis=1), np.where(varied, 2, 1), 0),
+            ]
+        ).astype(np.int64),
+        numbers=np.hstack([index, absorption, scattering, phases]),
+        index=index,
+        absorption=absorption,
+        entries=tuple(
+            Medium(
+                name=name,
+                kind=_kind(model),
+                parameters=json.loads(model.model_dump_json(exclude_unset=True)),
+            )
+            for name, model in models.items()
+        ),
+        tables=np.concatenate([*tables, np.zeros(1)]),
+        origin=scene.origin,
+    )
+
+
+def _kind(model: MediumModel) -> str:
+    for kind in ("sellmeier", "cauchy", "glass"):
+        if getattr(model, kind) is not None:
+            return kind
+    return "index"
+
+
+def refractive_index(model: MediumModel, wavelengths_nm: Array, place: str) -> Array:
+    """Index of a medium at wavelengths [nm]."""
+    if model.sellmeier is not None:
+        law = dispersion.sellmeier(model.sellmeier.b, model.sellmeier.c, name=place)
+        values = law.index(wavelengths_nm)
+    elif model.cauchy is not None:
+        values = dispersion.cauchy(model.cauchy, name=place).index(wavelengths_nm)
+    elif model.index is not None:
+        values = model.index.at(wavelengths_nm, np.array(RGB_NM))
+    else:
+        raise SceneError(f"{place}.glass: there is no catalogue of glasses; give its sellmeier")
+    if values.min() <= 0.0:
+        raise SceneError(f"{place}: the refractive index must be positive, it is {values.min():g}")
+    return np.asarray(values)
+
+
+def _phase_row(model: Phase, first: int, name: str) -> tuple[Array, Array]:
+    empty = np.zeros(0)
+    if model.kind == "henyey_greenstein":
+        return phase.henyey_greenstein_row(model.g), empty
+    if model.kind == "generalized":
+        return phase.generalized_row(model.g, model.gamma), empty
+    if model.kind == "rayleigh":
+        return phase.rayleigh_row(), empty
+    if model.kind == "tabulated":
+        return phase.tabulated_phase(model.angle_deg, model.value, first=first, name=name)
+    return phase.isotropic_row(), empty
