@@ -1,0 +1,282 @@
+"""Scattering of polished surfaces: ABg and Harvey–Shack, shift-invariant in direction cosines.
+
+The BSDF depends only on ``rho`` = |beta - beta_0|, the distance of the projections of the scattered
+and the specular direction on the surface: f = A / (B + rho^g) or f = b [1 + (rho / l)²]^(s / 2).
+It is held as a table over rho, a power law from node to node, so that its integrals and its
+samples are exact for what is evaluated. The same table serves reflection (beta_0 of the mirrored
+ray) and transmission (beta_0 of the refracted ray, on its side).
+
+The scattered share of the light is the total integrated scatter TIS(angle of incidence); it is
+taken from the specular part. TIS is at most 1 at every angle: `radial_table` refuses more.
+
+References
+----------
+J. E. Harvey, R. N. Pfisterer, Opt. Eng. 58, 087102 (2019); J. E. Harvey, Ph.D. thesis, University
+of Arizona (1976); J. C. Stover, Optical Scattering, 3rd ed., SPIE (2012), ch. 4.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from raymap.errors import SceneError
+from raymap.kernels import kernel
+
+__all__ = [
+    "abg",
+    "eval_radial",
+    "harvey_shack",
+    "pdf_radial",
+    "radial_table",
+    "sample_radial",
+    "scatter_share",
+    "tabulated_radial",
+]
+
+F64 = NDArray[np.float64]
+
+_NODES = 513
+_ANGLES = 65
+_LARGEST = 2.0  # the farthest two projections can be apart
+_HEAD = 4  # smallest rho, logarithmic step, whole integral to rho = 2, value below the first node
+_SIZE = _HEAD + 2 * _NODES + _ANGLES
+
+
+@kernel
+def eval_radial(table: F64, first: int, rho: float) -> float:
+    """BSDF [1/sr] at the distance ``rho`` of the direction cosines from the specular ray."""
+    if rho <= table[first]:
+        return float(table[first + 3])
+    x = math.log(rho / table[first]) / table[first + 1]
+    low = int(x)
+    if low >= _NODES - 1:
+        return 0.0 if rho > _LARGEST * (1.0 + 1e-12) else float(table[first + _HEAD + _NODES - 1])
+    a = math.log(table[first + _HEAD + low])
+    b = math.log(table[first + _HEAD + low + 1])
+    return math.exp(a + (x - low) * (b - a))
+
+
+@kernel
+def _sample_rho(table: F64, first: int, u: float) -> float:
+    """Distance from the specular ray with density proportional to f(rho) rho, up to rho = 2."""
+    cumulative = first + _HEAD + _NODES
+    low, high = 0, _NODES - 1
+    if u < table[cumulative]:
+        return float(table[first] * math.sqrt(u / table[cumulative]))
+    while high - low > 1:
+        middle = (low + high) // 2
+        if table[cumulative + middle] <= u:
+            low = middle
+        else:
+            high = middle
+    part = table[cumulative + low + 1] - table[cumulative + low]
+    share = (u - table[cumulative + low]) / part if part > 0.0 else 0.5
+    # Invert the power law rho^(k + 1) of the interval, k the slope of f in the logarithms
+    step = table[first + 1]
+    left = table[first] * math.exp(low * step)
+    fall = math.log(table[first + _HEAD + low + 1] / table[first + _HEAD + low]) / step
+    growth = (fall + 2.0) * step
+    if abs(growth) < 1e-9:
+        return float(left * math.exp(share * step))
+    return float(left * math.exp(math.log1p(share * math.expm1(growth)) / (fall + 2.0)))
+
+
+@kernel
+def scatter_share(table: F64, first: int, beta: float) -> float:
+    """Total integrated scatter TIS for a specular ray whose projection has length ``beta``."""
+    x = min(1.0, max(0.0, beta)) * (_ANGLES - 1)
+    low = min(_ANGLES - 2, int(x))
+    k = first + _HEAD + 2 * _NODES + low
+    return float(table[k] + (x - low) * (table[k + 1] - table[k]))
+
+
+@kernel
+def sample_radial(
+    table: F64, first: int, beta_x: float, beta_y: float, u1: float, u2: float
+) -> tuple[float, float, float]:
+    """A scattered direction around the specular one.
+
+    Parameters
+    ----------
+    table, first : flat pool and where the table of `radial_table` stands in it
+    beta_x, beta_y : projection of the specular direction on the surface
+    u1, u2 : uniform numbers; if the draw falls beyond the horizon, further ones are derived
+
+    Returns
+    -------
+    x, y, z : unit direction, z >= 0 on the side of the specular ray; the density of (x, y) is
+        f / TIS over the unit disc: per solid angle f z / TIS
+    """
+    a, b = u1, u2
+    for _ in range(64):
+        rho = _sample_rho(table, first, a)
+        phi = 2.0 * math.pi * b
+        x, y = beta_x + rho * math.cos(phi), beta_y + rho * math.sin(phi)
+        square = x * x + y * y
+        if square < 1.0:
+            return x, y, math.sqrt(1.0 - square)
+        # Draw again: stretch the low digits of both numbers
+        a, b = _again(a, b), _again(b, a + 0.5)
+    return beta_x, beta_y, math.sqrt(max(0.0, 1.0 - beta_x * beta_x - beta_y * beta_y))
+
+
+@kernel
+def _again(a: float, b: float) -> float:
+    """A further uniform number from two, by SplitMix64's mixing of their digits."""
+    word = np.uint64(a * 9007199254740992.0) * np.uint64(0x9E3779B97F4A7C15)
+    word ^= np.uint64((b - math.floor(b)) * 9007199254740992.0)
+    word = (word ^ (word >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    word = (word ^ (word >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    word ^= word >> np.uint64(31)
+    return (word >> np.uint64(11)) * (1.0 / 9007199254740992.0)
+
+
+@kernel
+def pdf_radial(
+    table: F64, first: int, beta_x: float, beta_y: float, x: float, y: float, z: float
+) -> float:
+    """Density of `sample_radial` per solid angle of the direction (x, y, z), z > 0."""
+    if z <= 0.0:
+        return 0.0
+    share = scatter_share(table, first, math.hypot(beta_x, beta_y))
+    if share <= 0.0:
+        return 0.0
+    return eval_radial(table, first, math.hypot(x - beta_x, y - beta_y)) * z / share
+
+
+def abg(
+    a: float, b: float, g: float, *, wavelength_nm: float = 0.0, reference_nm: float = 0.0
+) -> Callable[[F64], F64]:
+    """The ABg law A / (B + rho^g), scaled from the wavelength where it was fitted.
+
+    The roughness is the same at all wavelengths: with x = λ / λ_ref, A becomes A x^(g - 4) and B
+    becomes B x^g (Rayleigh–Rice).
+    """
+    _require_positive("ABg", A=a, B=b)
+    if not (math.isfinite(g) and g >= 0.0):
+        raise SceneError(f"ABg scattering: g must not be negative, got {g:g}")
+    x = _ratio(wavelength_nm, reference_nm)
+    scaled_a, scaled_b = a * x ** (g - 4.0), b * x**g
+    return lambda rho: scaled_a / (scaled_b + rho**g)
+
+
+def harvey_shack(
+    b: float, width: float, s: float, *, wavelength_nm: float = 0.0, reference_nm: float = 0.0
+) -> Callable[[F64], F64]:
+    """Harvey's law b [1 + (rho / width)²]^(s / 2), s <= 0, scaled from its wavelength.
+
+    With x = λ / λ_ref, b becomes b x^-4 and the width becomes width x: the roughness stays the same.
+    """
+    _require_positive("Harvey–Shack", b=b, width=width)
+    if not (math.isfinite(s) and s <= 0.0):
+        raise SceneError(f"Harvey–Shack scattering: s must not be positive, got {s:g}")
+    x = _ratio(wavelength_nm, reference_nm)
+    scaled_b, scaled_width = b * x**-4.0, width * x
+    return lambda rho: np.asarray(scaled_b * (1.0 + (rho / scaled_width) ** 2) ** (0.5 * s))
+
+
+def radial_table(law: Callable[[F64], F64], *, name: str = "") -> F64:
+    """Table of a radial BSDF for the flat pool of tables.
+
+    Parameters
+    ----------
+    law : BSDF [1/sr] over rho
+    name : of the surface, for messages
+
+    Raises
+    ------
+    SceneError
+        if the law is not positive and finite, or scatters more light than arrives at some angle
+    """
+    smallest = _flat_below(law)
+    step = math.log(_LARGEST / smallest) / (_NODES - 1)
+    rho = smallest * np.exp(step * np.arange(_NODES))
+    values = np.asarray(law(rho), np.float64)
+    if not (np.all(np.isfinite(values)) and np.all(values > 0.0)):
+        raise SceneError(f"surface {name!r}: its scattering law must be positive and finite")
+    table = np.zeros(_SIZE)
+    fall = np.diff(np.log(values)) / step
+    growth = (fall + 2.0) * step
+    factor = np.where(np.abs(growth) < 1e-9, step, np.expm1(growth) / (fall + 2.0))
+    parts = 2.0 * math.pi * values[:-1] * rho[:-1] ** 2 * factor
+    cumulative = np.cumsum(np.concatenate(([math.pi * values[0] * smallest**2], parts)))
+    table[:_HEAD] = smallest, step, cumulative[-1], values[0]
+    table[_HEAD : _HEAD + _NODES] = values
+    table[_HEAD + _NODES : _HEAD + 2 * _NODES] = cumulative / cumulative[-1]
+    table[_HEAD + 2 * _NODES :] = _shares(table)
+    shares = table[_HEAD + 2 * _NODES :]
+    worst = int(np.argmax(shares))
+    if shares[worst] > 1.0:
+        angle = math.degrees(math.asin(worst / (_ANGLES - 1)))
+        raise SceneError(
+            f"surface {name!r} scatters {shares[worst]:.4g} times the light that arrives at "
+            f"{angle:.0f} degrees: its total integrated scatter must not exceed 1; lower its "
+            "amplitude"
+        )
+    return table
+
+
+def _flat_below(law: Callable[[F64], F64]) -> float:
+    """Distance below which the law is flat to 1e-4."""
+    peak = float(law(np.array([1e-12]))[0])
+    rho = np.exp(np.linspace(math.log(1e-9), math.log(1e-4), 400))
+    flat = np.abs(law(rho) - peak) < 1e-4 * abs(peak)
+    inside = np.cumprod(flat)
+    return float(rho[max(0, int(inside.sum()) - 1)])
+
+
+def _shares(table: F64) -> F64:
+    """TIS over the length of the specular ray's projection.
+
+    A ring of radius rho about beta lies inside the unit disc with the half angle phi.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(16)
+    shares = np.empty(_ANGLES)
+    for k, beta in enumerate(np.linspace(0.0, 1.0, _ANGLES)):
+        edges = np.exp(np.linspace(math.log(table[0]), math.log(1.0 + beta + 1e-15), 200))
+        inner = max(0.0, 1.0 - beta)
+        edges = np.unique(np.concatenate((edges, _around(inner, table[0], 1.0 + beta))))
+        half = np.diff(edges) / 2
+        rho = edges[:-1, None] + half[:, None] * (1.0 + nodes)
+        ratio = (rho**2 + beta**2 - 1.0) / np.maximum(2.0 * rho * beta, 1e-300)
+        arc = np.arccos(np.clip(ratio, -1.0, 1.0))
+        values = np.vectorize(lambda r: eval_radial(table, 0, r), otypes=[float])(rho)
+        ring = 2.0 * arc * values * rho
+        core = math.pi * table[3] * table[0] ** 2 * (1.0 if beta < 1.0 else 0.5)
+        shares[k] = core + float((ring * half[:, None] * weights).sum())
+    return shares
+
+
+def _around(inner: float, low: float, high: float) -> F64:
+    """Edges that close in on the rim of the disc, where the arc has a vertical slope."""
+    if inner <= low:
+        return np.zeros(0)
+    steps = np.geomspace(1e-10, 1.0, 40)
+    edges = np.concatenate((inner + steps * (high - inner), high - steps * (high - inner), [inner]))
+    return edges[(edges > low) & (edges < high)]
+
+
+def _ratio(wavelength_nm: float, reference_nm: float) -> float:
+    if wavelength_nm <= 0.0 or reference_nm <= 0.0:
+        return 1.0
+    return wavelength_nm / reference_nm
+
+
+def _require_positive(kind: str, **values: float) -> None:
+    for name, value in values.items():
+        if not (math.isfinite(value) and value > 0.0):
+            raise SceneError(f"{kind} scattering: {name} must be positive, got {value:g}")
+
+
+def tabulated_radial(rho: ArrayLike, values: ArrayLike) -> Callable[[F64], F64]:
+    """A law measured over rho, interpolated in logarithms; the end values hold outside."""
+    x, y = np.asarray(rho, np.float64), np.asarray(values, np.float64)
+    if x.ndim != 1 or x.size < 2 or x.shape != y.shape:
+        raise SceneError("scattering table: needs two or more distances and as many values")
+    if not (np.all(np.diff(x) > 0.0) and x[0] > 0.0 and np.all(y > 0.0)):
+        raise SceneError("scattering table: distances must rise from above 0, values be positive")
+    return lambda r: np.exp(np.interp(np.log(r), np.log(x), np.log(y)))
