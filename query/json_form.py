@@ -10,7 +10,7 @@ from raymap.errors import CriterionError
 
 __all__ = ["from_json", "to_json"]
 
-MAX_DEPTH = 200
+MAX_DEPTH = 100
 
 _NARY: dict[str, type[c.And] | type[c.Or] | type[c.Xor] | type[c.Then]] = {
     "and": c.And,

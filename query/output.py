@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 import os
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from raymap.errors import MapExists, RayMapError
 
@@ -40,22 +36,14 @@ def to_arrow(selection: Selection, rows: str = "segments") -> Any:
     """The rays of a selection as one Arrow table."""
     import pyarrow as pa
 
+    from raymap.arrow import batches, schema_of
+
     if rows not in _ROWS:
         raise RayMapError(f"rows are {' or '.join(_ROWS)}, not {rows!r}")
-    tables = list(_tables(selection, rows))
-    return pa.concat_tables(tables, promote_options="permissive")
-
-
-def _tables(selection: Selection, rows: str) -> Iterator[Any]:
-    """One Arrow table per portion; an empty one where nothing matched."""
-    from raymap.arrow import empty_table, portion_table
-
-    some = False
-    for portion in selection.portions():
-        some = True
-        yield portion_table(selection.map, portion, rows)
-    if not some:
-        yield empty_table(selection.map, rows)
+    chosen: Any = rows
+    schema = schema_of(selection.map, chosen)
+    found = batches(selection.map, chosen, selection.ray_ids, schema)
+    return pa.Table.from_batches(found, schema)
 
 
 def write(selection: Selection, path: Path, rows: str, *, force: bool) -> Path:
@@ -74,64 +62,16 @@ def write(selection: Selection, path: Path, rows: str, *, force: bool) -> Path:
     beside = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
     try:
         if path.suffix.lower() == ".raymap":
-            _write_map(selection, beside)
+            from raymap.selection import copy_selection
+
+            asked = "" if selection.criterion is None else str(selection.criterion)
+            copy_selection(selection.map, selection.ray_ids, beside, description=asked)
         else:
-            _write_tables(selection, beside, rows)
+            from raymap.arrow import export
+
+            chosen: Any = rows
+            export(selection.map, beside, rows=chosen, ray_ids=selection.ray_ids)
         os.replace(beside, path)
     finally:
         beside.unlink(missing_ok=True)
     return path
-
-
-def _write_map(selection: Selection, path: Path) -> None:
-    """A map of the selected rays; it keeps the emitted counts of its parent, so fluxes agree."""
-    from raymap.writer import RayMapWriter
-
-    map = selection.map
-    with RayMapWriter.create(path, map.directory, meshes=dict(map.meshes)) as writer:
-        for channel_set in map.channel_sets:
-            writer.add_channel_set(channel_set)
-        emitted = selection.emitted.copy()
-        previous = None
-        for portion in selection.portions():
-            if previous is not None:
-                emitted -= previous.emitted
-                writer.append(previous)
-            previous = portion
-        if previous is not None:
-            # Rays emitted in portions without a match belong to the sum, too.
-            writer.append(dataclasses.replace(previous, emitted=emitted))
-        elif map.portions and emitted.any():
-            writer.append(_no_rays(map, emitted))
-
-
-def _no_rays(map: Any, emitted: Any) -> Any:
-    """A portion that says only how many rays were emitted."""
-    from query.extract import take_rays
-
-    nothing = take_rays(map.portions[0], np.zeros(0, np.int64))
-    return dataclasses.replace(nothing, emitted=emitted, ray_ids=None)
-
-
-def _write_tables(selection: Selection, path: Path, rows: str) -> None:
-    import pyarrow as pa
-    import pyarrow.csv
-    import pyarrow.parquet
-
-    writer: Any = None
-    try:
-        for table in _tables(selection, rows):
-            if writer is None:
-                writer = _table_writer(path, table, pa)
-            writer.write_table(table)
-    finally:
-        if writer is not None:
-            writer.close()
-
-
-def _table_writer(path: Path, table: Any, pa: Any) -> Any:
-    if path.suffix.lower() == ".parquet":
-        return pa.parquet.ParquetWriter(path, table.schema, compression="zstd")
-    if path.suffix.lower() == ".arrow":
-        return pa.ipc.new_file(path, table.schema)
-    return pa.csv.CSVWriter(path, table.schema)

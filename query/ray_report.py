@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from query.extract import take_rays
 from raymap.directory import ChannelSet, Directory
 from raymap.events import event_names
 from raymap.portion import Portion
+from raymap.rows import take_rays
 from raymap.schema import COLOR_SCALE, NORMAL_SCALE, UV_SCALE
 
 __all__ = ["report"]
@@ -31,7 +31,7 @@ def report(map: Any, ray_id: int) -> dict[str, Any]:
     """
     index, place = map.find_ray(int(ray_id))
     portion = map.portions[index]
-    ray = take_rays(portion, np.array([place]))
+    ray = take_rays(portion.read(), np.array([place]), np.array([int(ray_id)]))
     directory: Directory = map.directory
     channel_set: ChannelSet = map.channel_sets[portion.channel_set]
     faces = _faces(ray, directory)

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from query.bound import BoundNode
-from query.extract import take_rays
 from query.scan import Scan
 from query.tally import Estimate, Tally, estimate
 from raymap.portion import Portion
+from raymap.rows import take_rays
 
 __all__ = ["Selection"]
 
@@ -171,7 +171,8 @@ class Selection:
     def portions(self) -> Iterator[Portion]:
         """The rays with everything that is recorded of them, decoded portion by portion."""
         for index, rays in self.parts():
-            yield take_rays(self.map.portions[index], rays)
+            stored = self.map.portions[index]
+            yield take_rays(stored.read(), rays, stored.ray_ids()[rays])
 
     def to_arrow(self, rows: str = "segments") -> Any:
         """The rays as one Arrow table; ``rows`` is "segments" or "rays"."""

@@ -133,11 +133,12 @@ class Interpreter:
 
     # Names.
 
-    def at_place(self, pattern: str, point: Point) -> bool:
+    def at_place(self, pattern: str, point: Point, aliases: bool = True) -> bool:
         if point.object < 0:
             return False
         own = self.directory.objects[point.object].name
-        face_names = [] if point.face < 0 else self.faces[point.face][1]
+        known = [names if aliases else names[:1] for _, names in self.faces]
+        face_names = [] if point.face < 0 else known[point.face]
         owner, face = _split(pattern)
         if face is not None and face.startswith("#"):
             return point.face >= 0 and _name_fits(owner, own) and point.triangle == int(face[1:])
@@ -348,7 +349,7 @@ class Interpreter:
         elif k == 0:
             placed = _name_fits(name, self.directory.sources[ray.source].name)
         else:
-            placed = self.at_place(name, here)
+            placed = self.at_place(name, here, aliases=not exact)
         if not placed:
             return False
         if exact:

@@ -88,9 +88,11 @@ def make_channel_set() -> ChannelSet:
     )
 
 
-def _itinerary(rng: np.random.Generator) -> dict[str, list[object]]:
+def _itinerary(rng: np.random.Generator, directory: Directory) -> dict[str, list[object]]:
     """Source, points and meetings of one path."""
-    faces = make_directory().faces
+    faces = directory.faces
+    bare = next((k for k, item in enumerate(directory.objects) if not item.faces), None)
+    n_media, n_detectors = len(directory.media), len(directory.detectors)
     n = int(rng.integers(1, 7))
     points: list[tuple[int, int, int, int]] = []
     meetings: list[list[tuple[int, bool]]] = []
@@ -100,8 +102,8 @@ def _itinerary(rng: np.random.Generator) -> dict[str, list[object]]:
         elif step < n - 1 and rng.random() < 0.15:
             here = (-1, -1, int(Event.VOLUME_SCATTER))
         else:
-            face = int(rng.integers(-1, len(faces.object)))
-            owner = 3 if face < 0 else int(faces.object[face])
+            face = int(rng.integers(0 if bare is None else -1, len(faces.object)))
+            owner = bare if face < 0 else int(faces.object[face])
             here = (owner, face, int(_AT_SURFACE[rng.integers(len(_AT_SURFACE))]))
         owner, face, event = here
         if step == n - 1:
@@ -109,9 +111,11 @@ def _itinerary(rng: np.random.Generator) -> dict[str, list[object]]:
             if step and end == Event.LEFT_SCENE:
                 owner, face = -1, -1
             event = (event if step == 0 else 0) | int(end)
-        points.append((owner, face, event, int(rng.integers(-1, 3))))
+        points.append((owner, face, event, int(rng.integers(-1, n_media))))
         k = int(rng.integers(0, 3)) if step < n - 1 and rng.random() < 0.4 else 0
-        meetings.append([(int(rng.integers(2)), bool(rng.random() < 0.7)) for _ in range(k)])
+        meetings.append(
+            [(int(rng.integers(n_detectors)), bool(rng.random() < 0.7)) for _ in range(k)]
+        )
     return {"source": [int(rng.integers(2))], "points": points, "meetings": meetings}
 
 
@@ -120,13 +124,13 @@ def random_portion(
     n_rays: int,
     pool: list[dict[str, list[object]]],
     *,
+    directory: Directory,
     first_ray: int,
     weights: bool = False,
     emissions: bool = False,
     gaps: bool = False,
 ) -> Portion:
     """Rays that take paths of the pool, at random places and in random colours."""
-    directory = make_directory()
     table = directory.faces
     chosen = [pool[int(rng.integers(len(pool)))] for _ in range(n_rays)]
     points = [point for path in chosen for point in path["points"]]
@@ -197,22 +201,27 @@ def write_random_map(
     emissions: bool = False,
     gaps: bool = False,
     plain: bool = False,
+    directory: Directory | None = None,
 ) -> Path:
     """Write a map; ``plain`` gives every ray a path of its own, so that no dictionary pays."""
     rng = np.random.default_rng(seed)
-    pool = [_itinerary(rng) for _ in range(paths)]
-    writer = raymap.RayMapWriter.create(path, make_directory())
+    directory = make_directory() if directory is None else directory
+    pool = [_itinerary(rng, directory) for _ in range(paths)]
+    writer = raymap.RayMapWriter.create(path, directory)
     try:
         with writer:
             writer.add_channel_set(make_channel_set())
             for number in range(portions):
-                own = [_itinerary(rng) for _ in range(rays)] if plain and number % 2 == 0 else pool
+                own = pool
+                if plain and number % 2 == 0:
+                    own = [_itinerary(rng, directory) for _ in range(rays)]
                 # Names of rays must not overlap, gaps included.
                 writer.append(
                     random_portion(
                         rng,
                         rays,
                         own,
+                        directory=directory,
                         first_ray=number * rays * 4,
                         weights=weights,
                         emissions=emissions,

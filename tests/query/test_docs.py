@@ -1,0 +1,112 @@
+"""Every example of the criteria page is read, printed, translated to JSON and answered on a map."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import query
+import raymap
+from query.grammar import parse
+from query.json_form import from_json
+from raymap import Detector, Directory, Face, Medium, SceneObject, Source, Surface
+from raymap.events import FAMILIES
+from tests.naive.interpreter import Interpreter, rays_of
+from tests.query.random_maps import write_random_map
+
+PAGE = (Path(__file__).parents[2] / "docs" / "criteria.md").read_text(encoding="utf-8")
+
+
+def blocks(kind: str) -> list[str]:
+    return re.findall(rf"```{kind}\n(.*?)```", PAGE, flags=re.DOTALL)
+
+
+EXAMPLES = [line for block in blocks("criteria") for line in block.splitlines() if line.strip()]
+
+
+def lens(name: str) -> SceneObject:
+    faces = [Face(name=f, first_primitive=k, surface=k) for k, f in enumerate(["front", "back"])]
+    return SceneObject(name=name, faces=(*faces, Face(name="rim", first_primitive=2, surface=2)))
+
+
+DIRECTORY = Directory(
+    sources=(Source(name="lamp"), Source(name="sun")),
+    objects=(
+        lens("L1"),
+        lens("L2"),
+        SceneObject(name="key_1", faces=(Face(name="top", surface=2),)),
+        SceneObject(name="mesh", faces=(Face(name="skin", primitive_count=200, surface=2),)),
+        SceneObject(name="barrel"),
+        SceneObject(name="sensor", faces=(Face(name="face"),)),
+    ),
+    media=(Medium(name="air"), Medium(name="glass_1")),
+    surfaces=(
+        Surface(name="clear", parameters={"roughness": 0.0}),
+        Surface(name="half", parameters={"roughness": 0.3, "reflectance": 0.05}),
+        Surface(name="black", parameters={"roughness": 0.9, "reflectance": 0.02}),
+    ),
+    detectors=(Detector(name="sensor", cells=(36, 24), size=(6.0, 4.0), object=5),),
+)
+
+
+@pytest.fixture(scope="module")
+def map(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    path = tmp_path_factory.mktemp("docs") / "docs.raymap"
+    write_random_map(path, 3, rays=80, paths=30, directory=DIRECTORY)
+    with raymap.open(path) as opened:
+        yield opened
+
+
+def test_every_atom_has_an_example() -> None:
+    from query.grammar import _ATOMS
+
+    text = "\n".join(EXAMPLES)
+    assert [atom for atom in _ATOMS if not re.search(rf"\b{atom}\b", text)] == []
+
+
+def test_every_event_word_is_on_the_page() -> None:
+    assert [word for word in FAMILIES if f"`{word}`" not in PAGE] == []
+
+
+@pytest.mark.parametrize("text", EXAMPLES)
+def test_example(text: str, map: Any) -> None:
+    tree = parse(text)
+    assert parse(str(tree)) == tree
+    assert from_json(json.loads(json.dumps(tree.to_json()))) == tree
+    answer = query.select(map, text).ray_ids.tolist()
+    if " deg" not in text and " rad" not in text and " cm" not in text and " um" not in text:
+        oracle = Interpreter(map)
+        assert answer == [ray.id for ray in rays_of(map) if oracle.ray(tree, ray)]
+
+
+def test_python_examples(map: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    names: dict[str, Any] = {}
+    monkeypatch.setattr(raymap, "open", lambda path: _Borrowed(map))
+    for block in blocks("python"):
+        exec(block, names)
+    for name in ("ghosts", "order", "rough", "blue", "here", "through"):
+        tree = names[name]
+        assert parse(str(tree)) == tree
+        query.select(map, tree)
+
+
+def test_json_example(map: Any) -> None:
+    for block in blocks("json"):
+        tree = from_json(json.loads(block))
+        assert query.select(map, tree).matched == query.select(map, str(tree)).matched
+
+
+class _Borrowed:
+    def __init__(self, map: Any) -> None:
+        self.map = map
+
+    def __enter__(self) -> Any:
+        return self.map
+
+    def __exit__(self, *error: object) -> None:
+        return None
