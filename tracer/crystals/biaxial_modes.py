@@ -281,11 +281,12 @@ def biaxial_forward_modes(
         d1 = 0.25 * b1 * b1 - c1
         d2 = 0.25 * b2 * b2 - c2
 
-        # A double root beside two others on one side is a binormal: rounding made it complex
+        # A double root beside the others, all on one side, is a binormal: rounding made it complex
         tiny = 1e-11 * (abs(c1) + abs(c2))
-        if d1 < 0.0 <= d2 and d1 > -tiny and -0.5 * b1 > -0.5 * b2 + math.sqrt(d2):
+        gap = 0.5 * (b2 - b1)
+        if d1 < 0.0 and d1 > -tiny and gap > math.sqrt(max(d2, 0.0)) + 1e-3:
             d1 = 0.0
-        if d2 < 0.0 <= d1 and d2 > -tiny and -0.5 * b2 < -0.5 * b1 - math.sqrt(d1):
+        if d2 < 0.0 and d2 > -tiny and gap > math.sqrt(max(d1, 0.0)) + 1e-3:
             d2 = 0.0
 
         _delta(frame, xi_used, work[0])
