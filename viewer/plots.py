@@ -80,7 +80,7 @@ def bars(
     labels, values : of the bars
     wavelengths_nm : of the channels, for colour; None draws them red, green, blue
     """
-    left, bottom, top = 30, 16, 8
+    left, bottom, top = 30, 16, 18
     heights = np.maximum(np.asarray(values, float), 0)
     highest = float(heights.max()) if len(heights) else 0.0
     if wavelengths_nm is not None:
@@ -102,7 +102,7 @@ def bars(
         if number % skip == 0:
             parts.append(_text(x + 0.5 * step, height - 4, labels[number], "middle"))
     parts.append(_text(left - 4, top + 8, f"{highest:.2g}", "end"))
-    parts.append(_text(width - 4, top + 8, caption, "end"))
+    parts.append(_text(width - 4, 11, caption, "end"))
     return _svg(width, height, parts)
 
 

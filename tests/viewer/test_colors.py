@@ -1,0 +1,96 @@
+"""Colours of rays by every rule."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import raymap
+from raymap.events import ENDINGS, FAMILIES
+from viewer.colors import color_lines, optical_length
+from viewer.gather import read_rays
+from viewer.lines import build_lines
+from viewer.rays import DrawnRays, no_rays
+from viewer.state import COLOR_RULES
+
+
+@pytest.fixture(scope="module")
+def rays(small_map: raymap.RayMap) -> DrawnRays:
+    return read_rays(small_map, 0, np.arange(200))
+
+
+def key_of(rays: DrawnRays, rule: str, ray: int) -> object:
+    """What a rule tells apart, ray by ray."""
+    mine = slice(rays.offsets[ray], rays.offsets[ray + 1])
+    if rule == "source":
+        return int(rays.source[ray])
+    if rule == "path":
+        return int(rays.path[ray])
+    if rule == "reflections":
+        return sum(bool(bits & int(FAMILIES["reflected"])) for bits in rays.event[mine])
+    return int(rays.event[mine][-1] & int(ENDINGS))
+
+
+@pytest.mark.parametrize("rule", ["source", "path", "reflections", "ending"])
+def test_categories_get_one_colour_each(
+    rays: DrawnRays, small_map: raymap.RayMap, rule: str
+) -> None:
+    lines = build_lines(rays)
+    rgba, legend = color_lines(rays, lines, rule, small_map.directory)
+    colors: dict[object, set] = {}
+    for segment in range(len(lines)):
+        key = key_of(rays, rule, int(lines.ray[segment]))
+        colors.setdefault(key, set()).add(tuple(rgba[segment, :3]))
+    assert all(len(found) == 1 for found in colors.values())
+    assert len({next(iter(found)) for found in colors.values()}) == len(colors)
+    assert len(legend.entries) == len(colors)
+    shown = {entry.rgb for entry in legend.entries}
+    assert shown == {tuple(int(x) for x in next(iter(found))) for found in colors.values()}
+
+
+@pytest.mark.parametrize("rule", COLOR_RULES)
+@pytest.mark.parametrize("dark", [True, False])
+def test_every_rule_colours_every_segment(
+    rays: DrawnRays, small_map: raymap.RayMap, rule: str, dark: bool
+) -> None:
+    lines = build_lines(rays)
+    rgba, _ = color_lines(rays, lines, rule, small_map.directory, dark=dark, opacity=0.4)
+    assert rgba.shape == (len(lines), 4)
+    assert (rgba[:, 3] == 102).all()
+    empty, _ = color_lines(no_rays(), build_lines(no_rays()), rule, small_map.directory)
+    assert len(empty) == 0
+
+
+def test_natural_colours_are_those_of_the_light(rays: DrawnRays, small_map: raymap.RayMap) -> None:
+    lines = build_lines(rays)
+    rgba, _ = color_lines(rays, lines, "natural", small_map.directory)
+    pure = rays.rgb[lines.record].max(axis=1) > 0.99
+    np.testing.assert_array_equal(
+        rgba[pure, :3].argmax(axis=1), rays.rgb[lines.record][pure].argmax(axis=1)
+    )
+    white = ~pure
+    assert (rgba[white, :3] > 250).all()
+    on_white, _ = color_lines(rays, lines, "natural", small_map.directory, dark=False)
+    assert (on_white[white, :3] < 170).all()
+
+
+def test_fading_follows_the_flux(rays: DrawnRays, small_map: raymap.RayMap) -> None:
+    lines = build_lines(rays)
+    rgba, _ = color_lines(rays, lines, "natural", small_map.directory, opacity=1.0, fade=True)
+    expected = 255 * rays.flux[lines.ray] / rays.flux.max()
+    assert np.abs(rgba[:, 3] - expected).max() <= 1
+    assert rgba[:, 3].min() >= 1
+
+
+def test_optical_lengths_are_summed_without_the_way_out(rays: DrawnRays) -> None:
+    found = optical_length(rays)
+    for ray in range(rays.n_rays):
+        first, last = int(rays.offsets[ray]), int(rays.offsets[ray + 1]) - 1
+        left = rays.event[last] & int(FAMILIES["left"])
+        stop = last - 1 if left else last
+        total = sum(
+            float(np.linalg.norm(rays.position[k + 1].astype(float) - rays.position[k]))
+            * float(rays.index[k])
+            for k in range(first, stop)
+        )
+        assert found[ray] == pytest.approx(total, rel=1e-6)
