@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,6 +29,8 @@ from raymap.shapes import RayShapes, ShapeTable, compile_shapes, shape_codes
 from raymap.streams import Scope, StreamSet
 
 __all__ = ["EncodedPortion", "PortionEncoder"]
+
+_FEW_MEETINGS = 64
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,7 +84,7 @@ class PortionEncoder:
             streams.add("path_number", path_numbers.astype(small), Scope.RAY)
         self._add_triangles(streams, portion, rays)
         encodings = self._add_geometry(streams, portion, rays, table, path_numbers)
-        encodings |= self._add_descriptors(streams, portion)
+        encodings |= self._add_descriptors(streams, portion, rays)
         _add_colors(streams, portion, rays.offsets, self.raw)
         _add_rays(streams, portion)
         ids = portion.ray_ids if portion.n_rays else None
@@ -157,7 +160,7 @@ class PortionEncoder:
             streams, portion, rays.offsets, codes, shapes
         )
 
-    def _add_descriptors(self, streams: StreamSet, portion: Portion) -> int:
+    def _add_descriptors(self, streams: StreamSet, portion: Portion, rays: Itineraries) -> int:
         """Store the meetings beyond what the paths say; returns the encodings chosen."""
         d = portion.descriptors
         n = len(d.detector)
@@ -168,29 +171,35 @@ class PortionEncoder:
             for name, column in zip(DESCRIPTOR_STREAMS, plain, strict=True):
                 streams.add(name, column, Scope.DESCRIPTOR)
             return 0
-        folded = np.empty((2, 5, n), np.uint16)
-        missed = [
-            encode_meetings(
-                portion.descriptor_count,
+        folded = np.empty((5, n), np.uint16)
+
+        def missed(counts: NDArray[np.uint16], reverse: bool) -> int:
+            return encode_meetings(
+                counts,
                 d.detector,
                 d.cell,
                 d.cosine,
                 d.uv,
                 portion.position,
                 *self.detectors,
-                bool(reverse),
-                folded[reverse],
+                reverse,
+                folded,
             )
-            for reverse in range(2)
-        ]
-        reverse = int(missed[1] < missed[0])
-        if missed[reverse] > sum(int(np.count_nonzero(column)) for column in plain):
+
+        # Let the first meetings say against which direction cosines are positive
+        few = portion.descriptor_count[: np.searchsorted(rays.meeting_offsets, _FEW_MEETINGS)]
+        reverse = missed(few, True) < missed(few, False)
+        if missed(portion.descriptor_count, reverse) > _nonzero(plain):
             for name, column in zip(DESCRIPTOR_STREAMS, plain, strict=True):
                 streams.add(name, column, Scope.DESCRIPTOR)
             return 0
-        for name, column in zip(DESCRIPTOR_STREAMS, folded[reverse], strict=True):
+        for name, column in zip(DESCRIPTOR_STREAMS, folded, strict=True):
             streams.add(name, column, Scope.DESCRIPTOR)
         return int(Encoding.CROSSINGS | (Encoding.REVERSED if reverse else Encoding(0)))
+
+
+def _nonzero(columns: Iterable[NDArray[Any]]) -> int:
+    return sum(int(np.count_nonzero(column)) for column in columns)
 
 
 def _add_positions(

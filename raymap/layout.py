@@ -29,6 +29,7 @@ __all__ = [
     "DIRECTORY",
     "FILE_HEADER_SIZE",
     "FOOTER",
+    "KNOWN_TAGS",
     "MAGIC",
     "MAX_HEADER_SIZE",
     "PORTION",
@@ -56,6 +57,7 @@ RUN = b"RMAP:RUN"
 PORTION = b"RMAP:POR"
 DETECTOR = b"RMAP:DET"
 FOOTER = b"RMAP:END"
+KNOWN_TAGS = (DIRECTORY, CHANNELS, RUN, PORTION, DETECTOR, FOOTER)
 
 _FILE = struct.Struct("<12sHH")
 _CHUNK = struct.Struct("<8sHHIQ")

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.encoder import EncodedPortion
-from raymap.errors import MapExists
+from raymap.errors import FormatError, MapExists
 from raymap.kernels import kernel
+from raymap.layout import KNOWN_TAGS
 from raymap.reader import RayMap
 from raymap.schema import COLOR_SCALE
 from raymap.selection import replacing
@@ -59,10 +60,22 @@ def repair(ray_map: RayMap, path: str | os.PathLike[str], *, force: bool = False
             writer.copy_portion(_as_encoded(portion))
             written += 1
             _count_meetings(portion, results)
+        _copy_unknown(ray_map, writer)
         for (detector, index), (sums, sums2) in results.items():
             writer.add_detector_result(detector, sums, sums2, channel_set=index)
         writer.finish()
     return written
+
+
+def _copy_unknown(ray_map: RayMap, writer: RayMapWriter) -> None:
+    """Carry chunks along that this version does not know."""
+    for offset, tag in ray_map.other_chunks:
+        if tag not in KNOWN_TAGS:
+            try:
+                chunk = ray_map.file.chunk_at(offset, ray_map.bytes)
+            except FormatError:
+                continue
+            writer.copy_chunk(tag, ray_map.file.read(offset, chunk.header.size))
 
 
 def _as_encoded(portion: StoredPortion) -> EncodedPortion:

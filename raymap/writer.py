@@ -212,6 +212,11 @@ class RayMapWriter:
             self._append(RUN, pack_run(run))
             self._footer.runs.append(dict(run))
 
+    def copy_chunk(self, tag: bytes, data: bytes) -> None:
+        """Carry along a chunk of another map that this version does not know."""
+        with self._turn:
+            self._append(tag, [data])
+
     # -- portions ------------------------------------------------------------------------------
 
     def encode(self, portion: Portion, number: int) -> EncodedPortion:
