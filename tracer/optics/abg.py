@@ -169,7 +169,7 @@ def harvey_shack(
 ) -> Callable[[F64], F64]:
     """Harvey's law b [1 + (rho / width)²]^(s / 2), s <= 0, scaled from its wavelength.
 
-    With x = λ / λ_ref, b becomes b x^-4 and the width becomes width x: the roughness stays the same.
+    With x = λ / λ_ref, b becomes b x^-4 and the width becomes width x: the roughness stays.
     """
     _require_positive("Harvey–Shack", b=b, width=width)
     if not (math.isfinite(s) and s <= 0.0):

@@ -20,6 +20,7 @@ from raymap.errors import SceneError
 __all__ = [
     "LINE_NM",
     "Dispersion",
+    "Kind",
     "OutOfRangeWarning",
     "abbe_number",
     "cauchy_index",
