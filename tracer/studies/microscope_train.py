@@ -147,8 +147,15 @@ class Screen:
 
     def collect(self, rays: PolarizedRays) -> Real:
         """(pixels, pixels) flux of rays on the screen, incoherent; row i counts upward in y."""
+        return self._sum(rays, rays.flux)
+
+    def count(self, rays: PolarizedRays) -> Real:
+        """(pixels, pixels) rays that arrive."""
+        return self._sum(rays, np.ones(len(rays)))
+
+    def _sum(self, rays: PolarizedRays, weights: Real) -> Real:
         side = np.linspace(-self.half_size, self.half_size, self.pixels + 1)
-        flux, _, _ = np.histogram2d(
-            rays.origin[:, 1], rays.origin[:, 0], bins=(side, side), weights=rays.flux
+        total, _, _ = np.histogram2d(
+            rays.origin[:, 1], rays.origin[:, 0], bins=(side, side), weights=weights
         )
-        return np.asarray(flux)
+        return np.asarray(total)
