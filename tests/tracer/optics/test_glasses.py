@@ -36,7 +36,7 @@ def test_n_bk7_as_the_maker_prints_it() -> None:
         ("fused silica", 1.45846, 67.82),
         ("PMMA", 1.4914, 57.4),
         ("polycarbonate", 1.5848, 27.9),
-        ("polystyrene", 1.5905, 30.9),
+        ("polystyrene", 1.5916, 29.5),
         ("water", 1.3334, 55.8),
         ("CaF2", 1.43384, 95.2),
         ("sapphire o", 1.76817, 72.2),
