@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +17,7 @@ from query.images import detector_image as query_image
 from query.names import escape
 from query.path_text import PathNames, exact_criterion, path_text
 from query.ray_report import report
+from query.scan import default_threads
 from query.selector import bind_all
 from query.tables import path_table as query_table
 from raymap.errors import DamagedPortion, RayMapError
@@ -43,6 +46,10 @@ __all__ = [
 ]
 
 Cancel = Callable[[], bool]
+Preview = Callable[[DrawnRays], None]
+
+PREVIEW_SECONDS = 0.3
+"""Rays read within this time are shown before the others are there."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,6 +79,7 @@ def draw_rays(
     *,
     paths: Sequence[tuple[str, str]] = (),
     cancel: Cancel | None = None,
+    preview: Preview | None = None,
 ) -> Drawing:
     """Find and read at most ``limit`` rays that satisfy a criterion, the same ones every time.
 
@@ -81,9 +89,10 @@ def draw_rays(
     paths : (criterion, label) of paths to be shown alone; each gets an equal part of ``limit`` and
         is one path of the drawing
     cancel : becomes true when the rays are no longer wanted
+    preview : called with the rays read so far, when all of them take a while
     """
     if not paths:
-        rays = _draw(ray_map, criterion or None, limit, cancel)
+        rays = _draw(ray_map, criterion or None, limit, cancel, preview)
         return Drawing(rays=rays, labels=path_labels(ray_map, rays.path))
     share = max(1, limit // len(paths))
     parts, labels = [], {}
@@ -95,7 +104,13 @@ def draw_rays(
     return Drawing(rays=DrawnRays.join(parts), labels=labels)
 
 
-def _draw(ray_map: RayMap, criterion: Any, limit: int, cancel: Cancel | None) -> DrawnRays:
+def _draw(
+    ray_map: RayMap,
+    criterion: Any,
+    limit: int,
+    cancel: Cancel | None,
+    preview: Preview | None = None,
+) -> DrawnRays:
     found = select(ray_map, criterion, limit=limit, cancel=cancel)
     parts = list(found.parts())
     if found.matched == limit and len(parts) == 1:
@@ -104,28 +119,52 @@ def _draw(ray_map: RayMap, criterion: Any, limit: int, cancel: Cancel | None) ->
         if n_rays > limit:
             found = select(ray_map, criterion, limit=n_rays, cancel=cancel)
             parts = list(found.parts())
-    return _read(ray_map, found, parts, limit, cancel)
+    return _read(ray_map, parts, limit, cancel, preview)
 
 
 def _read(
-    ray_map: RayMap, found: Selection, parts: Any, limit: int, cancel: Cancel | None
+    ray_map: RayMap,
+    parts: Sequence[tuple[int, NDArray[np.int64]]],
+    limit: int,
+    cancel: Cancel | None,
+    preview: Preview | None,
 ) -> DrawnRays:
-    """Read rays portion after portion until there are enough."""
-    drawn: list[DrawnRays] = []
+    """Read the rays of portions, several at the same time, until there are enough."""
+    plan: list[tuple[int, NDArray[np.int64]]] = []
     left = limit
     for index, rows in parts:
-        if left <= 0 or (cancel is not None and cancel()):
+        if left <= 0:
             break
-        try:
-            ids = ray_map.portions[index].ray_ids()[rows]
-            part = read_rays(ray_map, index, rows[thin(ids, left)])
-        except DamagedPortion:
-            if ray_map.on_damage == "raise":
-                raise
-            continue
-        drawn.append(part)
-        left -= part.n_rays
+        chosen = rows[thin(ray_map.portions[index].ray_ids()[rows], left)]
+        plan.append((index, chosen))
+        left -= len(chosen)
+    drawn: list[DrawnRays] = []
+    shown = time.perf_counter()
+    with ThreadPoolExecutor(default_threads()) as pool:
+        waiting = [pool.submit(_read_part, ray_map, *part, cancel) for part in plan]
+        for number, part in enumerate(waiting):
+            found = part.result()
+            if found is not None:
+                drawn.append(found)
+            slow = time.perf_counter() - shown > PREVIEW_SECONDS
+            if preview is not None and slow and drawn and number + 1 < len(waiting):
+                preview(DrawnRays.join(drawn))
+                shown = time.perf_counter() + PREVIEW_SECONDS
     return DrawnRays.join(drawn)
+
+
+def _read_part(
+    ray_map: RayMap, index: int, rows: NDArray[np.int64], cancel: Cancel | None
+) -> DrawnRays | None:
+    """Rays of one portion; None if they are no longer wanted, or damaged and to be skipped."""
+    if cancel is not None and cancel():
+        return None
+    try:
+        return read_rays(ray_map, index, rows)
+    except DamagedPortion:
+        if ray_map.on_damage == "raise":
+            raise
+        return None
 
 
 def read_one(ray_map: RayMap, ray_id: int) -> DrawnRays:
@@ -204,7 +243,27 @@ def detector_image(
     ray_map: RayMap, name: str, text: str, *, cancel: Cancel | None = None
 ) -> NDArray[np.float64]:
     """(cells_v, cells_u) flux that the rays of a selection brought to a detector."""
+    if not text.strip():
+        known = _recorded_image(ray_map, name)
+        if known is not None:
+            return known
     return query_image(ray_map, name, text or None, cancel=cancel).flux
+
+
+def _recorded_image(ray_map: RayMap, name: str) -> NDArray[np.float64] | None:
+    """What the detector itself counted, if that says the flux: no ray is read.
+
+    Sums do not tell sources apart, so their rays must carry the same flux.
+    """
+    if len(ray_map.channel_sets) != 1:
+        return None
+    emitted = ray_map.emitted
+    flux = np.array([source.flux for source in ray_map.directory.sources])
+    per_ray = flux[emitted > 0] / emitted[emitted > 0]
+    if len(per_ray) == 0 or np.ptp(per_ray) > 1e-9 * per_ray.max():
+        return None
+    found = ray_map.detector_result(name)
+    return None if found is None else found[0].sum(axis=2) * per_ray[0]
 
 
 def ghost_matrix(

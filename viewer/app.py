@@ -109,7 +109,7 @@ class Application:
         self.page.update(
             {
                 "version": 0, "messages": [], "searching": False, "progress": 0.0, "answered": 0,
-                "menu": False, "file": None, "address": "", "parallel": True,
+                "menu": False, "panel_busy": False, "file": None, "address": "", "parallel": True,
                 "criterion_error": None, "answer_text": "", "answer_flux": "", "answer_title": "",
                 "drawn_text": "", "legend": {"title": "", "scale": False, "entries": []},
                 "tree": [], "tree_place": None, "atom_kind": "hit", "atom_event": "reflected",
@@ -509,7 +509,7 @@ class Application:
             self.page.update({"searching": True, "progress": 0.0})
         self._spawn(self._follow(number))
         try:
-            fields = await self._ask(self.inquiry.draw, cancel.is_set)
+            fields = await self._ask(self.inquiry.draw, cancel.is_set, self._early())
             if number != self._number:
                 return
             self._repaint(**fields)
@@ -550,18 +550,33 @@ class Application:
             steps = [(lambda c: {"tree": inquiry.tree(c)}, (cancel.is_set,))]
         elif shown == "report" and self.session.state.ray is not None and inquiry.report is None:
             await self.open_ray(str(self.session.state.ray), self.session.state.point)
+        with self.page:
+            self.page.panel_busy = bool(steps)
         for function, arguments in steps:
             fields = await self._ask(function, *arguments)
             if cancel.is_set() and asked != self._number:
                 return
             with self.page:
                 self.page.update(fields)
+        with self.page:
+            self.page.panel_busy = False
 
     async def _redraw(self) -> None:
         """Other rays of the same selection."""
-        fields = await self._ask(self.inquiry.draw, self._cancel.is_set)
+        with self.page:
+            self.page.searching = True
+        try:
+            fields = await self._ask(self.inquiry.draw, self._cancel.is_set, self._early())
+        finally:
+            with self.page:
+                self.page.searching = False
         if fields:
             self._repaint(**fields)
+
+    def _early(self) -> Callable[[dict[str, Any]], None]:
+        """Shows a picture with the first rays, called from a worker."""
+        loop = asyncio.get_running_loop()
+        return lambda fields: _ignore(loop.call_soon_threadsafe(lambda: self._repaint(**fields)))
 
     async def _watch(self) -> None:
         """Take in what is recorded meanwhile."""
@@ -714,6 +729,10 @@ class Application:
 
             return json.dumps(state_to_json(session.state), indent=1), "application/json"
         raise StateError(f"there is no export {kind!r}")
+
+
+def _ignore(_: object) -> None:
+    return None
 
 
 def _plain(value: Any) -> Any:

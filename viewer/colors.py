@@ -101,11 +101,15 @@ def _natural(rays: DrawnRays, dark: bool) -> Rgb:
     linear = np.clip(rays.rgb, 0, None)
     brightest = np.maximum(linear.max(axis=1, keepdims=True), 1e-9)
     shown = encode_srgb(linear / brightest)
-    if not dark:
+    luma = shown @ np.array([0.2126, 0.7152, 0.0722])
+    if dark:
+        # Deep blue vanishes on black: mix in white
+        white = np.clip((0.36 - luma) / np.maximum(1 - luma, 1e-9), 0, 1)[:, None]
+        shown = shown + white * (1 - shown)
+    else:
         # Light colours vanish on white: hold the luma down
-        luma = shown @ np.array([0.2126, 0.7152, 0.0722])
         shown = shown * np.minimum(1, 0.55 / np.maximum(luma, 1e-9))[:, None]
-    return np.rint(shown * 255).astype(np.uint8)
+    return np.asarray(np.rint(shown * 255), np.uint8)
 
 
 def _reflections(rays: DrawnRays) -> NDArray[np.int64]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from raymap.errors import RayMapError
 from viewer.answers import (
+    Drawing,
     count_rays,
     detector_image,
     draw_rays,
@@ -28,6 +29,7 @@ from viewer.panel_detector import cross_sections, image_url, scale_fields
 from viewer.panel_paths import path_rows, sort_rows
 from viewer.panel_report import point_fields, report_fields
 from viewer.plots import heat_map
+from viewer.rays import DrawnRays
 from viewer.session import Session
 from viewer.state import Region
 from viewer.tree import criterion_region, criterion_tree, tree_rows
@@ -117,14 +119,22 @@ class Inquiry:
 
     # -- rays ----------------------------------------------------------------------------------
 
-    def draw(self, cancel: Cancel) -> dict[str, Any]:
-        """Read the rays to draw."""
+    def draw(
+        self, cancel: Cancel, early: Callable[[dict[str, Any]], None] | None = None
+    ) -> dict[str, Any]:
+        """Read the rays to draw; ``early`` is told when some of them can be shown."""
         session = self.session
         state = session.state
         labels = {str(row["criterion"]): headline(str(row["path"])) for row in self.table}
         paths = [(text, labels.get(text, text)) for text in state.paths]
+
+        def preview(rays: DrawnRays) -> None:
+            if early is not None and not cancel():
+                session.drawing = Drawing(rays=rays, labels={})
+                early(self.drawn())
+
         drawing = draw_rays(
-            session.map, self.session.state.criterion, state.rays, paths=paths, cancel=cancel
+            session.map, state.criterion, state.rays, paths=paths, cancel=cancel, preview=preview
         )
         if cancel():
             return {}

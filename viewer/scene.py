@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.directory import Directory, DisplayMesh, SceneObject
+from raymap.directory import Directory, DisplayMesh, SceneObject, Surface
 from viewer.bodies import Body, cut_body, make_body
 from viewer.lines import section_plane
 from viewer.state import ViewState
@@ -35,10 +36,8 @@ def material_of(item: SceneObject, directory: Directory) -> str:
     detectors = {detector.object for detector in directory.detectors}
     if directory.objects.index(item) in detectors:
         return "screen"
-    kinds = [
-        directory.surfaces[face.surface].kind.lower() for face in item.faces if face.surface >= 0
-    ]
-    words = " ".join(kinds)
+    surfaces = [directory.surfaces[face.surface] for face in item.faces if face.surface >= 0]
+    words = " ".join("black" if _is_dark(entry) else entry.kind.lower() for entry in surfaces)
     for material, signs in (
         ("glass", ("fresnel", "dielectric", "coat", "refract", "glass", "transmi")),
         ("mirror", ("mirror", "reflector", "metal")),
@@ -48,6 +47,27 @@ def material_of(item: SceneObject, directory: Directory) -> str:
         if any(sign in words for sign in signs):
             return material
     return "plain"
+
+
+def _is_dark(surface: Surface) -> bool:
+    """Paint that swallows most of the light."""
+    for key in ("reflectance", "albedo"):
+        numbers = _numbers(surface.parameters.get(key))
+        if numbers:
+            return max(numbers) < 0.25
+    return "absor" in surface.kind.lower()
+
+
+def _numbers(value: object) -> list[float]:
+    """All numbers in a parameter: one, a list, or lists by name."""
+    if isinstance(value, bool) or value is None:
+        return []
+    if isinstance(value, int | float):
+        return [float(value)]
+    parts = value.values() if isinstance(value, dict) else value
+    if isinstance(value, dict | list | tuple):
+        return [number for part in cast(Any, parts) for number in _numbers(part)]
+    return []
 
 
 def _glass_tint(item: SceneObject, directory: Directory) -> tuple[int, int, int]:
