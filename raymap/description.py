@@ -19,6 +19,7 @@ __all__ = [
     "pack_channel_set",
     "pack_directory",
     "pack_run",
+    "parse_channel_set",
     "read_channel_set",
     "read_directory",
     "read_mesh",
@@ -86,8 +87,15 @@ def pack_channel_set(channel_set: ChannelSet) -> list[Any]:
 
 def read_channel_set(file: MapFile, chunk: Chunk) -> ChannelSet:
     """The channel set of a chunk."""
+    return parse_channel_set(file.bytes_of(chunk, "json", MAX_JSON))
+
+
+def parse_channel_set(data: bytes | dict[str, Any]) -> ChannelSet:
+    """A channel set from JSON text or values."""
     try:
-        return ChannelSet.model_validate_json(file.bytes_of(chunk, "json", MAX_JSON))
+        if isinstance(data, bytes):
+            return ChannelSet.model_validate_json(data)
+        return ChannelSet.model_validate(data)
     except ValidationError as error:
         raise FormatError(f"channel set is not sound: {_first(error)}") from None
 

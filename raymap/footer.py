@@ -59,12 +59,14 @@ class Footer:
     portions : in number order
     chunks : (offset, tag) of all other chunks, in file order
     runs : one dict per run: seed, parameters, statistics
+    channel_sets : a second copy of the channel sets, as JSON values
     has_merged : a merged dictionary is there
     """
 
     portions: list[IndexEntry] = field(default_factory=list)
     chunks: list[tuple[int, bytes]] = field(default_factory=list)
     runs: list[dict[str, Any]] = field(default_factory=list)
+    channel_sets: list[dict[str, Any]] = field(default_factory=list)
     has_merged: bool = False
 
 
@@ -75,7 +77,8 @@ def pack_footer(
 ) -> list[Any]:
     """The footer chunk as buffers to be written one after the other."""
     streams = StreamSet()
-    streams.add_bytes("json", json.dumps({"runs": footer.runs}).encode(), level=3)
+    described = {"runs": footer.runs, "channel_sets": footer.channel_sets}
+    streams.add_bytes("json", json.dumps(described).encode(), level=3)
     metas = [entry.meta for entry in footer.portions]
     for name in ("offset", "size"):
         values = [getattr(entry, name) for entry in footer.portions]
@@ -151,6 +154,7 @@ def read_footer(file: MapFile, chunk: Chunk, n_sources: int) -> Footer:
     try:
         described = json.loads(file.bytes_of(chunk, "json", MAX_JSON))
         runs = [dict(run) for run in described["runs"]]
+        channel_sets = [dict(each) for each in described["channel_sets"]]
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise FormatError(f"footer holds no sound JSON: {error}") from None
     offsets = file.column(chunk, "portion.offset", None, np.uint64)
@@ -190,6 +194,7 @@ def read_footer(file: MapFile, chunk: Chunk, n_sources: int) -> Footer:
         portions=portions,
         chunks=[(int(offset), tag.tobytes()) for offset, tag in zip(others, tags, strict=True)],
         runs=runs,
+        channel_sets=channel_sets,
         has_merged="local_to_global" in names,
     )
 

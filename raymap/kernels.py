@@ -12,7 +12,7 @@ from typing import Any, TypeVar, cast
 
 import numba
 
-__all__ = ["inline_kernel", "kernel", "lean_kernel"]
+__all__ = ["inline_kernel", "inner_kernel", "kernel", "lean_kernel"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -33,12 +33,31 @@ def lean_kernel(function: F) -> F:
     return cast(F, compiled)
 
 
+def inner_kernel(function: F) -> F:
+    """As `lean_kernel`, to be called from compiled code only: compiles without a Python door."""
+    compiled = numba.njit(
+        nogil=True,
+        cache=True,
+        error_model="numpy",
+        _nrt=False,
+        no_cpython_wrapper=True,
+        no_cfunc_wrapper=True,
+    )(function)
+    return cast(F, compiled)
+
+
 def inline_kernel(function: F) -> F:
-    """As `lean_kernel`, always made part of its caller: for the steps of an inner loop.
+    """As `inner_kernel`, always made part of its caller: for the steps of an inner loop.
 
     A call that hands over arrays copies their descriptions, which costs more than a short step.
     """
     compiled = numba.njit(
-        nogil=True, cache=True, error_model="numpy", _nrt=False, forceinline=True
+        nogil=True,
+        cache=True,
+        error_model="numpy",
+        _nrt=False,
+        forceinline=True,
+        no_cpython_wrapper=True,
+        no_cfunc_wrapper=True,
     )(function)
     return cast(F, compiled)

@@ -16,7 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.chunks import Chunk, Gap, MapFile
-from raymap.description import read_channel_set, read_directory, read_mesh, read_run
+from raymap.description import (
+    parse_channel_set,
+    read_channel_set,
+    read_directory,
+    read_mesh,
+    read_run,
+)
 from raymap.directory import ChannelSet, DisplayMesh
 from raymap.errors import DamagedPortion, FormatError, NotARayMap, RayNotFound
 from raymap.footer import Footer, IndexEntry, find_footer, read_footer, read_merged
@@ -322,10 +328,7 @@ class RayMap:
         """Take the index from the footer; false if it is damaged."""
         try:
             self._footer = read_footer(self.file, chunk, len(self.directory.sources))
-            sets = [offset for offset, tag in self._footer.chunks if tag == CHANNELS]
-            self._set_channels(
-                [read_channel_set(self.file, self.file.chunk_at(o, self.bytes)) for o in sets]
-            )
+            self._set_channels([parse_channel_set(each) for each in self._footer.channel_sets])
             if any(e.meta.channel_set >= len(self._channels) for e in self._footer.portions):
                 raise FormatError("a portion names a channel set that the map does not have")
         except FormatError as error:

@@ -341,6 +341,7 @@ class RayMapWriter:
                 )
             if statistics and self._footer.runs:
                 self._footer.runs[-1]["statistics"] = dict(statistics)
+            self._footer.channel_sets = [each.model_dump() for each in self._channel_sets]
             try:
                 self._write_results()
                 merged = self._merger.dictionary()

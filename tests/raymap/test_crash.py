@@ -91,9 +91,13 @@ def test_a_full_disk_ends_in_one_clear_line_and_a_sound_prefix(tmp_path, monkeyp
     monkeypatch.setattr(os, "pwritev", pwritev)
     writer = raymap.RayMapWriter.create(path, small_directory())
     writer.add_channel_set(RGB)
-    with pytest.raises(raymap.RayMapError, match=r"disk is full.*--append"):
+
+    def record():
         for k in range(1000):
             writer.append(portion_at(100 * k, n_rays=100, seed=k))
+
+    with pytest.raises(raymap.RayMapError, match=r"disk is full.*--append"):
+        record()
     with pytest.raises(raymap.RayMapError, match="disk is full"):
         writer.append(portion_at(10**6))
     with pytest.raises(raymap.RayMapError, match="disk is full"):

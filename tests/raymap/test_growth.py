@@ -279,8 +279,8 @@ def test_shards_of_another_scene_or_of_equal_rays_are_refused(tmp_path):
     write_small(tmp_path / "d.raymap", seed=3, directory=other)
     with pytest.raises(raymap.SceneMismatch, match="bounding sphere"):
         raymap.open([tmp_path / "a.raymap", tmp_path / "d.raymap"])
+    os.mkdir(tmp_path / "empty")
     with pytest.raises(raymap.NotARayMap, match="no ray maps"):
-        os.mkdir(tmp_path / "empty")
         raymap.open(tmp_path / "empty")
 
 
