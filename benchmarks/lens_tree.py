@@ -1,7 +1,7 @@
 """Rays a second through the lens as a primitive: python benchmarks/lens_tree.py
 
-Trees to depth 6 of random rays that fill a biconvex lens, one compiled call per chunk of a batch on
-a pool of threads; the time is that of the whole call, from the arrays of rays to the arrays of exits.
+Trees to depth 6 of random rays that fill a biconvex lens, one compiled call per chunk of a batch
+on a pool of threads; timed is the whole call, from the arrays of rays to the arrays of exits.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.kernels import kernel
+from raymap.kernels import inner_kernel
 from tracer.lens.shape import LensShape
 
 __all__ = [
@@ -98,7 +98,7 @@ def empty_nodes(n_rays: int, depth: int, *, polarized: bool) -> NodeArrays:
     )
 
 
-@kernel
+@inner_kernel
 def to_lens(frame: Real, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Components of a world vector along the axes of the lens."""
     return (
@@ -108,7 +108,7 @@ def to_lens(frame: Real, x: float, y: float, z: float) -> tuple[float, float, fl
     )
 
 
-@kernel
+@inner_kernel
 def to_world(frame: Real, x: float, y: float, z: float) -> tuple[float, float, float]:
     """World components of a vector given along the axes of the lens."""
     return (
@@ -118,7 +118,7 @@ def to_world(frame: Real, x: float, y: float, z: float) -> tuple[float, float, f
     )
 
 
-@kernel
+@inner_kernel
 def starting_distance(
     shape: LensShape, x: float, y: float, z: float, dx: float, dy: float, dz: float
 ) -> float:

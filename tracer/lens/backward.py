@@ -154,12 +154,14 @@ def answer(
     turns = np.zeros(n, np.int64)
     path = arriving.optical_path.copy()
     light = plain(arriving.field)
+    deepest = int(level.max(initial=1))
     lost: list[int] = []
 
     def run(start: int, stop: int) -> None:
         row = send_back(
             tree.lens.shape, tree.media, mode == "published", path_to_origin, root, level,
-            light, path, field, turns, start, stop,
+            light, path, field, turns, np.empty((deepest, 3)), np.empty((deepest + 1, 3)),
+            np.empty(deepest), start, stop,
         )  # fmt: skip
         if row >= 0:
             lost.append(row)

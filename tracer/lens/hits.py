@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from raymap.kernels import kernel
+from raymap.kernels import inner_kernel
 from tracer.lens.shape import BACK, FRONT, RIM, LensShape
 
 __all__ = ["INSIDE", "MISSED", "cap_normal", "enter", "inner_hit", "unit"]
@@ -22,7 +22,7 @@ _EDGE = 1e-13
 _TOUCH = 1e-10
 
 
-@kernel
+@inner_kernel
 def unit(x: float, y: float, z: float) -> tuple[float, float, float]:
     """A vector that is a unit vector but for rounding, with one Newton step towards length 1.
 
@@ -32,7 +32,7 @@ def unit(x: float, y: float, z: float) -> tuple[float, float, float]:
     return x * scale, y * scale, z * scale
 
 
-@kernel
+@inner_kernel
 def cap_normal(
     curvature: float, x: float, y: float, z_from_vertex: float
 ) -> tuple[float, float, float]:
@@ -40,13 +40,13 @@ def cap_normal(
     return unit(-curvature * x, -curvature * y, 1.0 - curvature * z_from_vertex)
 
 
-@kernel
+@inner_kernel
 def _on_cap(curvature: float, height: float, x: float, y: float, z: float) -> bool:
     """Whether a point of the sphere lies on the vertex side and within the aperture."""
     return 1.0 - curvature * z >= -_EDGE and x * x + y * y <= height * height * (1.0 + _EDGE)
 
 
-@kernel
+@inner_kernel
 def _cap_roots(
     curvature: float, x: float, y: float, z: float, dx: float, dy: float, dz: float
 ) -> tuple[float, float]:
@@ -63,7 +63,7 @@ def _cap_roots(
     return first, second
 
 
-@kernel
+@inner_kernel
 def _enter_cap(
     curvature: float, height: float, touch: float,
     x: float, y: float, z: float, dx: float, dy: float, dz: float,
@@ -83,7 +83,7 @@ def _enter_cap(
     return along, against
 
 
-@kernel
+@inner_kernel
 def _rim_roots(
     shape: LensShape, x: float, y: float, z: float, dx: float, dy: float, dz: float
 ) -> tuple[float, float]:
@@ -111,7 +111,7 @@ def _rim_roots(
     return first, second
 
 
-@kernel
+@inner_kernel
 def _rim_outward(
     shape: LensShape, t: float,
     x: float, y: float, z: float, dx: float, dy: float, dz: float,
@@ -123,7 +123,7 @@ def _rim_outward(
     return (x + t * dx) * dx + (y + t * dy) * dy - slope * radius * dz
 
 
-@kernel
+@inner_kernel
 def _within(shape: LensShape, x: float, y: float, z: float) -> bool:
     """Whether a point lies in the glass."""
     r2, zb = x * x + y * y, z - shape.thickness
@@ -138,7 +138,7 @@ def _within(shape: LensShape, x: float, y: float, z: float) -> bool:
     return behind_front and before_back and r2 < reach * reach and low < z < high
 
 
-@kernel
+@inner_kernel
 def enter(
     shape: LensShape, x: float, y: float, z: float, dx: float, dy: float, dz: float
 ) -> tuple[int, float]:
@@ -185,7 +185,7 @@ def enter(
     return face, max(nearest, 0.0)
 
 
-@kernel
+@inner_kernel
 def _other_cap(
     curvature: float, height: float,
     x: float, y: float, z: float, dx: float, dy: float, dz: float,
@@ -205,7 +205,7 @@ def _other_cap(
     return math.inf
 
 
-@kernel
+@inner_kernel
 def _same_cap(
     curvature: float, height: float,
     x: float, y: float, z: float, dx: float, dy: float, dz: float,
@@ -220,7 +220,7 @@ def _same_cap(
     return math.inf
 
 
-@kernel
+@inner_kernel
 def inner_hit(
     shape: LensShape, last: int,
     x: float, y: float, z: float, dx: float, dy: float, dz: float,

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.kernels import kernel
+from raymap.kernels import inner_kernel, lean_kernel
 from tracer.lens.arrays import (
     NodeArrays,
     RayArrays,
@@ -29,13 +29,13 @@ __all__ = ["PUBLISHED_RULES", "grow_polarized"]
 PUBLISHED_RULES = 1
 
 
-@kernel
+@inner_kernel
 def power(ax: float, ay: float, az: float, bx: float, by: float, bz: float) -> float:
     """Squared length of a field a + i b."""
     return ax * ax + ay * ay + az * az + bx * bx + by * by + bz * bz
 
 
-@kernel
+@inner_kernel
 def _clear(nodes: NodeArrays, ray: int, level: int) -> None:
     """Zero the exit of a node that lets no light out."""
     nodes.half_waves[ray, level] = 0
@@ -47,7 +47,7 @@ def _clear(nodes: NodeArrays, ray: int, level: int) -> None:
         nodes.field[ray, level, axis] = 0.0
 
 
-@kernel
+@inner_kernel
 def _end(nodes: NodeArrays, ray: int, level: int, depth: int) -> None:
     """Zero the places of a tree from a level on."""
     for rest in range(level, depth):
@@ -57,7 +57,7 @@ def _end(nodes: NodeArrays, ray: int, level: int, depth: int) -> None:
             nodes.point[ray, rest, axis] = 0.0
 
 
-@kernel
+@inner_kernel
 def _meet(
     nodes: NodeArrays, frame: NDArray[np.float64], ray: int, level: int, face: int,
     x: float, y: float, z: float,
@@ -70,7 +70,7 @@ def _meet(
     nodes.point[ray, level, 2] = wz + frame[3, 2]
 
 
-@kernel
+@inner_kernel
 def _leave(
     nodes: NodeArrays, frame: NDArray[np.float64], ray: int, level: int,
     ax: float, ay: float, az: float, bx: float, by: float, bz: float,
@@ -92,7 +92,7 @@ def _leave(
     nodes.half_waves[ray, level] = half_waves
 
 
-@kernel
+@inner_kernel
 def _grow_one(
     shape: LensShape, rays: RayArrays, options: TreeOptions, nodes: NodeArrays, ray: int
 ) -> None:
@@ -221,7 +221,7 @@ def _grow_one(
     nodes.remainder[ray] = inside
 
 
-@kernel
+@lean_kernel
 def grow_polarized(
     shape: LensShape, rays: RayArrays, options: TreeOptions, nodes: NodeArrays,
     start: int, stop: int,

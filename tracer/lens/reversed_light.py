@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.kernels import kernel
+from raymap.kernels import inner_kernel, lean_kernel
 from tracer.lens.arrays import RayArrays, starting_distance, to_lens, to_world
 from tracer.lens.hits import cap_normal, enter, inner_hit, unit
 from tracer.lens.shape import BACK, RIM, LensShape
@@ -19,7 +19,7 @@ __all__ = ["send_back"]
 Real = NDArray[np.float64]
 
 
-@kernel
+@inner_kernel
 def _chain(
     shape: LensShape, rays: RayArrays, ray: int, level: int, normals: Real, directions: Real,
     lengths: Real,
@@ -77,24 +77,19 @@ def _chain(
     return True
 
 
-@kernel
+@lean_kernel
 def send_back(
     shape: LensShape, rays: RayArrays, published: bool, to_origin: bool,
     root: NDArray[np.int64], levels: NDArray[np.int64], arriving: NDArray[np.complex128],
     path: Real, field: NDArray[np.complex128], half_waves: NDArray[np.int64],
-    start: int, stop: int,
+    normals: Real, directions: Real, lengths: Real, start: int, stop: int,
 ) -> int:  # fmt: skip
     """Carry arriving light through the lens to the roots of its trees.
 
-    Fills ``field`` and ``half_waves`` and adds to ``path`` in rows start .. stop. Returns the first
-    row whose tree has no such exit, or -1.
+    Fills ``field`` and ``half_waves`` and adds to ``path`` in rows start .. stop. ``normals``,
+    ``directions`` and ``lengths`` are scratch for the deepest level. Returns the first row whose
+    tree has no such exit, or -1.
     """
-    deepest = 1
-    for row in range(start, stop):
-        deepest = max(deepest, levels[row])
-    normals = np.empty((deepest, 3))
-    directions = np.empty((deepest + 1, 3))
-    lengths = np.empty(deepest)
     frame = rays.frame
     for row in range(start, stop):
         ray, level = root[row], levels[row]

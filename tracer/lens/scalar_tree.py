@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from raymap.kernels import kernel
+from raymap.kernels import inner_kernel, lean_kernel
 from tracer.lens.arrays import (
     NodeArrays,
     RayArrays,
@@ -27,7 +27,7 @@ __all__ = ["SCHLICK_RULES", "grow_scalar"]
 SCHLICK_RULES = 1
 
 
-@kernel
+@inner_kernel
 def _clear(nodes: NodeArrays, ray: int, level: int) -> None:
     nodes.face[ray, level] = -1
     nodes.flux[ray, level] = 0.0
@@ -37,7 +37,7 @@ def _clear(nodes: NodeArrays, ray: int, level: int) -> None:
         nodes.direction[ray, level, axis] = 0.0
 
 
-@kernel
+@inner_kernel
 def _grow_one(
     shape: LensShape, rays: RayArrays, options: TreeOptions, nodes: NodeArrays, ray: int
 ) -> None:
@@ -155,7 +155,7 @@ def _grow_one(
     nodes.remainder[ray] = inside
 
 
-@kernel
+@lean_kernel
 def grow_scalar(
     shape: LensShape, rays: RayArrays, options: TreeOptions, nodes: NodeArrays,
     start: int, stop: int,
