@@ -41,7 +41,7 @@ _REFUSED = {
     "J": "it changes intensities, which a criterion cannot do; use Gn",
     "Z": "user-defined flags are not recorded",
 }
-_MAX_DEPTH = 200
+_MAX_DEPTH = 60
 
 
 def translate(text: str, map: Any) -> c.Criterion:

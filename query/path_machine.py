@@ -21,6 +21,7 @@ INFORMATIVE = (
     | Event.DETECTOR_CROSSED
     | Event.DETECTOR_REGISTERED
     | Event.MEDIUM_CHANGED
+    | Event.DISPERSIVE_SELECT
     | Event.RIM_HIT
 )
 PRINCIPAL = sum(int(event) for event in Event if not event & INFORMATIVE)

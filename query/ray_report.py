@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from raymap.directory import ChannelSet, Directory
-from raymap.events import event_names
+from raymap.events import Event, event_names
 from raymap.portion import Portion
 from raymap.rows import take_rays
 from raymap.schema import COLOR_SCALE, NORMAL_SCALE, UV_SCALE
@@ -47,10 +47,17 @@ def report(map: Any, ray_id: int) -> dict[str, Any]:
         "flux": directory.sources[source].flux * weight / emitted if emitted else 0.0,
         "units": {"length": directory.length_unit, "flux": directory.flux_unit},
         "channels": channel_set.labels,
-        "length": sum(point["length"] for point in points if point["length"] is not None),
+        "length": _total_length(ray, points),
         "points": points,
         **{name: column[0].tolist() for name, column in extra.items()},
     }
+
+
+def _total_length(ray: Portion, points: list[dict[str, Any]]) -> float:
+    """Length of the segments, without the last one of a ray that left."""
+    lengths = [float(point["length"]) for point in points[:-1]]
+    left = bool(ray.event[-1] & int(Event.LEFT_SCENE))
+    return sum(lengths[:-1] if left else lengths)
 
 
 def _faces(ray: Portion, directory: Directory) -> list[int]:

@@ -14,8 +14,15 @@ from query.tables import PathTable
 __all__ = ["print_paths", "print_report", "print_rows", "print_selection"]
 
 
+_FILE_WIDTH = 140
+"""Columns where the output goes to a file or another program, which have no width."""
+
+
 def _console() -> Console:
-    return Console(highlight=False, soft_wrap=False)
+    console = Console(highlight=False, soft_wrap=False)
+    if not console.is_terminal:
+        console.width = _FILE_WIDTH
+    return console
 
 
 def _number(value: float | None, digits: int = 6) -> str:
@@ -65,8 +72,13 @@ def print_paths(table: PathTable, top: int | None) -> None:
         ]
         if with_peak:
             cells.append("" if row.peak is None else f"{row.peak[0]}, {row.peak[1]}")
-        view.add_row(*cells, Text(row.path))
+        view.add_row(*cells, Text(_shorter(row.path)))
     _console().print(view)
+
+
+def _shorter(path: str) -> str:
+    """The itinerary without the word that nearly every point of a lens has."""
+    return " ".join(word.removesuffix(":refracted") for word in path.split(" "))
 
 
 def print_rows(rows: list[dict[str, Any]], title: str) -> None:
@@ -98,33 +110,29 @@ def print_report(ray: dict[str, Any]) -> None:
         f"length {ray['length']:.6g} {unit}, flux {ray['flux']:.4g} {ray['units']['flux']}",
         markup=False,
     )
-    view = Table()
-    for name, options in (
-        ("#", {"justify": "right"}),
-        (f"position [{unit}]", {"no_wrap": True}),
-        ("at", {}),
-        ("events", {"overflow": "fold"}),
-        ("incidence", {"justify": "right", "no_wrap": True}),
-        ("medium", {}),
-        ("index", {"justify": "right"}),
-        (f"length [{unit}]", {"justify": "right"}),
-        ("colour", {"overflow": "fold"}),
-        ("detectors", {"overflow": "fold"}),
-    ):
-        view.add_column(name, **options)
+    view = Table(show_lines=True)
+    view.add_column("#", justify="right")
+    view.add_column(f"position [{unit}]", justify="right", no_wrap=True)
+    view.add_column("at, events", overflow="fold", ratio=3)
+    view.add_column("incidence", justify="right", no_wrap=True)
+    view.add_column("then through", overflow="fold", ratio=2)
+    view.add_column(f"length [{unit}]", justify="right", no_wrap=True)
+    view.add_column("light", overflow="fold", ratio=2)
+    if any(point["detectors"] for point in ray["points"]):
+        view.add_column("detectors", overflow="fold", ratio=2)
     for number, point in enumerate(ray["points"]):
-        view.add_row(
+        cells: list[str | Text] = [
             str(number),
-            ", ".join(f"{x:.4f}" for x in point["position"]),
-            Text(_place(point)),
-            Text(", ".join(point["events"])),
+            "\n".join(f"{x:.4f}" for x in point["position"]),
+            Text("\n".join(filter(None, (_place(point), ", ".join(point["events"]))))),
             "" if point["incidence_deg"] is None else f"{point['incidence_deg']:.3f}°",
-            Text(point["medium"] or ""),
-            _refraction(point["refractive_index"]),
+            Text("\n".join(filter(None, (point["medium"], _medium(point))))),
             _number(point["length"]),
             _light(point),
-            Text(_meetings(point)),
-        )
+        ]
+        if len(view.columns) > len(cells):
+            cells.append(Text(_meetings(point)))
+        view.add_row(*cells)
     console.print(view)
 
 
@@ -135,10 +143,17 @@ def _place(point: dict[str, Any]) -> str:
     return f"{point['object']}{face}"
 
 
-def _refraction(index: float | dict[str, float] | None) -> str:
+def _medium(point: dict[str, Any]) -> str:
+    """Refractive index, by channel where the light is mixed, and further parameters."""
+    index = point["refractive_index"]
     if isinstance(index, dict):
-        return "\n".join(f"{value:.6f} {name}" for name, value in index.items())
-    return "" if index is None else f"{index:.6f}"
+        words = [f"n {value:.6f} {name}" for name, value in index.items()]
+    else:
+        words = [] if index is None else [f"n {index:.6f}"]
+    for name, value in (point["medium_parameters"] or {}).items():
+        if isinstance(value, int | float | str) and not isinstance(value, bool):
+            words.append(f"{name} {value}")
+    return "\n".join(words[:4])
 
 
 def _light(point: dict[str, Any]) -> Text:

@@ -362,6 +362,7 @@ class Interpreter:
             | Event.DETECTOR_CROSSED
             | Event.DETECTOR_REGISTERED
             | Event.MEDIUM_CHANGED
+            | Event.DISPERSIVE_SELECT
             | Event.RIM_HIT
         )
         named = 0

@@ -185,7 +185,7 @@ def random_portion(
         first_ray=int(ids[0]) if ids is not None and n_rays else first_ray,
         ray_ids=ids,
         weight=rng.integers(1, 9, n_rays).astype(np.float32) / 4 if weights else None,
-        emission=np.sort(rng.integers(0, max(1, n_rays // 2), n_rays)) if emissions else None,
+        emission=first_ray + np.sort(rng.integers(0, n_rays // 2, n_rays)) if emissions else None,
     )
 
 
