@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from viewer.app import view
-    from viewer.picture import picture
+    from viewer.rendering import picture
     from viewer.state import Camera, Clip, Section, ViewState, load_state, save_state
 
 _HOME = {
@@ -19,7 +19,7 @@ _HOME = {
     "Section": "viewer.state",
     "ViewState": "viewer.state",
     "load_state": "viewer.state",
-    "picture": "viewer.picture",
+    "picture": "viewer.rendering",
     "save_state": "viewer.state",
     "view": "viewer.app",
 }

@@ -111,7 +111,14 @@ def _draw(
     cancel: Cancel | None,
     preview: Preview | None = None,
 ) -> DrawnRays:
-    found = select(ray_map, criterion, limit=limit, cancel=cancel)
+    try:
+        found = select(ray_map, criterion, limit=limit, cancel=cancel)
+    except DamagedPortion:
+        if ray_map.on_damage == "raise":
+            raise
+        # The first rays cannot be told where a damaged portion is among them: search all
+        found = select(ray_map, criterion, cancel=cancel)
+        return _read(ray_map, list(found.parts()), limit, cancel, preview)
     parts = list(found.parts())
     if found.matched == limit and len(parts) == 1:
         # The first numbers of a portion may belong to one source: choose among all of it
@@ -243,6 +250,9 @@ def detector_image(
     ray_map: RayMap, name: str, text: str, *, cancel: Cancel | None = None
 ) -> NDArray[np.float64]:
     """(cells_v, cells_u) flux that the rays of a selection brought to a detector."""
+    if ray_map.rays == 0:
+        names = [entry.name for entry in ray_map.directory.detectors]
+        return np.zeros(ray_map.directory.detectors[names.index(name)].cells[::-1])
     if not text.strip():
         known = _recorded_image(ray_map, name)
         if known is not None:

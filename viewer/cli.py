@@ -58,7 +58,7 @@ def picture(
     from dataclasses import replace
 
     from raymap.cli import emit_json, open_map, warn_of_damage
-    from viewer.picture import picture as paint
+    from viewer.rendering import picture as paint
     from viewer.state import Clip, ViewState, load_state
 
     state = load_state(session) if session is not None else ViewState()

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viewer.falsecolor import apply_colormap, encode_srgb
-from viewer.picture import encode_png
 from viewer.plots import profile
+from viewer.rendering import encode_png
 from viewer.templates import template
 
 __all__ = ["PANEL", "cross_sections", "image_url", "scale_fields"]

@@ -16,8 +16,8 @@ from viewer.answers import Drawing
 from viewer.camera import STANDARD_VIEWS, fit, orbit, pan, zoom
 from viewer.overlay import draw_legend
 from viewer.painter import Painter, Shown
-from viewer.picture import encode_jpeg, encode_png
 from viewer.rays import DrawnRays, no_rays
+from viewer.rendering import encode_jpeg, encode_png
 from viewer.scene import load_bodies, scene_box
 from viewer.state import Camera, ViewState, check_camera
 
