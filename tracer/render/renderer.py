@@ -25,7 +25,7 @@ from tracer.render.images import spectral_channels, to_bytes, write_exr, write_p
 from tracer.render.room import Room, RoomArrays
 from tracer.render.spectra import primary_spectra, rgb_weights
 
-__all__ = ["Picture", "RenderScene", "error_in_steps", "render"]
+__all__ = ["Picture", "PixelSamples", "RenderScene", "error_in_steps", "render", "sample_pixels"]
 
 Real = NDArray[np.float64]
 
@@ -116,6 +116,19 @@ class Picture:
             raise SceneError(f"picture {str(target)!r}: write .png or .exr")
 
 
+@dataclass(frozen=True, kw_only=True)
+class PixelSamples:
+    """Some pixels: (n, m) radiance, (n, 3) linear sRGB and bound of the pruning error, (n, m)
+    shares pruned and truncated, (m,) radiance of a white wall."""
+
+    spectral: Real
+    rgb: Real
+    error_bound: Real
+    pruned: Real
+    truncated: Real
+    white: Real
+
+
 def error_in_steps(rgb: Real, error: Real) -> Real:
     """(h, w) largest change of an encoded sRGB value, in 8-bit steps, by a linear error."""
     middle = encode_srgb(rgb)
@@ -190,50 +203,66 @@ def _prepare(scene: RenderScene) -> _Work:
     )
 
 
-def _tile(work: _Work, x0: int, y0: int) -> tuple[int, int]:
-    """Render one tile into the shared arrays."""
+def _pixels(work: _Work, columns: NDArray[np.int64], rows: NDArray[np.int64]) -> Real:
+    """(3, n, m) radiance and shares pruned and truncated of some pixels."""
     from tracer.render.pixels import render_rays
 
-    camera = work.scene.camera
-    columns, rows = np.meshgrid(
-        np.arange(x0, min(x0 + _TILE, camera.pixels[0])),
-        np.arange(y0, min(y0 + _TILE, camera.pixels[1])),
+    rays = work.scene.camera.rays(columns, rows)
+    sums = np.zeros((3, len(rays.origin), len(work.scene.wavelengths_nm)))
+    render_rays(
+        work.bodies,
+        work.room,
+        work.media,
+        np.asarray(work.scene.wavelengths_nm, np.float64),
+        work.primaries,
+        rays.origin,
+        rays.direction,
+        rays.analyser,
+        work.scene.max_events,
+        work.tolerance,
+        work.weights,
+        work.bounds,
+        work.tolerance @ work.bounds,
+        work.scene.pruning_error,
+        work.capacity,
+        sums[0],
+        sums[1],
+        sums[2],
     )
-    shape = columns.shape
-    per_pixel = camera.rays_per_pixel
-    count = len(work.scene.wavelengths_nm)
-    results = np.zeros((3, *shape, count))
-    for line in range(shape[0]):
+    per_pixel = work.scene.camera.rays_per_pixel
+    result: Real = sums.reshape(3, len(columns), per_pixel, -1).mean(axis=2)
+    return result
+
+
+def _tile(work: _Work, x0: int, y0: int) -> tuple[int, int]:
+    """Render one tile into the shared arrays."""
+    camera = work.scene.camera
+    columns = np.arange(x0, min(x0 + _TILE, camera.pixels[0]))
+    for y in range(y0, min(y0 + _TILE, camera.pixels[1])):
         if work.stop.is_set():
             return -1, -1
-        rays = camera.rays(columns[line], rows[line])
-        sums = np.zeros((3, len(rays.origin), count))
-        render_rays(
-            work.bodies,
-            work.room,
-            work.media,
-            np.asarray(work.scene.wavelengths_nm, np.float64),
-            work.primaries,
-            rays.origin,
-            rays.direction,
-            rays.analyser,
-            work.scene.max_events,
-            work.tolerance,
-            work.weights,
-            work.bounds,
-            work.tolerance @ work.bounds,
-            work.scene.pruning_error,
-            work.capacity,
-            sums[0],
-            sums[1],
-            sums[2],
-        )
-        results[:, line] = sums.reshape(3, shape[1], per_pixel, count).mean(axis=2)
-    y, x = slice(y0, y0 + shape[0]), slice(x0, x0 + shape[1])
-    work.spectral[y, x] = results[0]
-    work.bound[y, x] = results[1] @ work.bounds
-    work.truncated[y, x] = results[2].max(axis=-1)
+        radiance, pruned, truncated = _pixels(work, columns, np.full(len(columns), y))
+        x = slice(x0, x0 + len(columns))
+        work.spectral[y, x] = radiance
+        work.bound[y, x] = pruned @ work.bounds
+        work.truncated[y, x] = truncated.max(axis=-1)
     return x0, y0
+
+
+def sample_pixels(
+    scene: RenderScene, columns: NDArray[np.int64], rows: NDArray[np.int64]
+) -> PixelSamples:
+    """Single pixels of a scene, without the rest of the picture."""
+    work = _prepare(scene)
+    radiance, pruned, truncated = _pixels(work, columns, rows)
+    return PixelSamples(
+        spectral=radiance,
+        rgb=radiance @ work.weights,
+        error_bound=pruned @ work.bounds,
+        pruned=pruned,
+        truncated=truncated,
+        white=work.primaries.sum(axis=1),
+    )
 
 
 def _fingerprint(work: _Work) -> str:
