@@ -1,7 +1,7 @@
 """Sums over portions: how rays ended (the energy audit), and what detectors counted.
 
-Sums are exact: rays of weight 1 are counted in integers, colours in units of 1/65535, so that results
-do not depend on the order in which threads finish.
+Sums are exact: rays of weight 1 are counted in integers, colours in units of 1/65535, so that
+results do not depend on the order in which threads finish.
 """
 
 from __future__ import annotations

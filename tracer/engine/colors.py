@@ -12,14 +12,14 @@ after the next one may hold weights that were only just computed.
 
 from __future__ import annotations
 
-from raymap.kernels import lean_kernel
+from raymap.kernels import inner_kernel
 from tracer.engine.buffers import COLORS
 from tracer.geometry.kinds import F64, I64
 
 __all__ = ["mean_of", "pick_channel", "recolor"]
 
 
-@lean_kernel
+@inner_kernel
 def pick_channel(colors: F64, code: int, u: float) -> int:
     """A channel of the ray, with the probability of its share."""
     n_channels = colors.shape[1]
@@ -34,7 +34,7 @@ def pick_channel(colors: F64, code: int, u: float) -> int:
     return n_channels - 1
 
 
-@lean_kernel
+@inner_kernel
 def mean_of(colors: F64, code: int, table: F64, row: int, column: int) -> float:
     """Mean of a quantity over the light of the ray."""
     n_channels = colors.shape[1]
@@ -46,7 +46,7 @@ def mean_of(colors: F64, code: int, table: F64, row: int, column: int) -> float:
     return total
 
 
-@lean_kernel
+@inner_kernel
 def recolor(colors: F64, code: int, table: F64, row: int, column: int, counters: I64) -> int:
     """Code of the colour c_i w_i / Σ c_i w_i; the same code where all w_i are equal."""
     n_channels = colors.shape[1]

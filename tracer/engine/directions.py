@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 
-from raymap.kernels import lean_kernel
+from raymap.kernels import inner_kernel
 
 __all__ = ["about", "sample_cosine_cone", "sample_uniform_cone"]
 
 
-@lean_kernel
+@inner_kernel
 def about(
     nx: float, ny: float, nz: float, cosine: float, azimuth: float
 ) -> tuple[float, float, float]:
@@ -32,13 +32,13 @@ def about(
     return x * scale, y * scale, z * scale
 
 
-@lean_kernel
+@inner_kernel
 def sample_cosine_cone(u: float, cos_max: float) -> float:
     """Cosine from the normal, density cos/π/(1 - cos_max²) per solid angle within the cone."""
     return math.sqrt(1.0 - u * (1.0 - cos_max * cos_max))
 
 
-@lean_kernel
+@inner_kernel
 def sample_uniform_cone(u: float, cos_max: float) -> float:
     """Cosine from the axis, density 1/(2π (1 - cos_max)) per solid angle within the cone."""
     return 1.0 - u * (1.0 - cos_max)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.events import Event
-from raymap.kernels import inline_kernel, lean_kernel
+from raymap.kernels import inline_kernel, inner_kernel, lean_kernel
 from tracer.engine.buffers import (
     CHAIN,
     CODE,
@@ -53,6 +53,7 @@ from tracer.engine.buffers import (
     Z,
 )
 from tracer.engine.nests import enter_body, leave_body, top_body
+from tracer.engine.random import stream_state
 from tracer.engine.surfaces import meet_surface
 from tracer.engine.volumes import fly_freely
 from tracer.geometry.kinds import F64, I64
@@ -84,7 +85,7 @@ from tracer.scene.arrays import (
 )
 from tracer.sources import emit_ray
 
-__all__ = ["emit_block", "interact"]
+__all__ = ["emit_block", "interact", "place_block"]
 
 EMITTED = int(Event.EMITTED)
 LEFT_SCENE = int(Event.LEFT_SCENE)
@@ -149,6 +150,37 @@ def emit_block(scene: CompiledScene, seed: int, first_ray: int, n: int, b: Buffe
 
 
 @lean_kernel
+def place_block(
+    scene: CompiledScene, seed: int, first: int, n: int, origins: F64, directions: F64, b: Buffers
+) -> None:
+    """Start given rays, rows ``first`` to ``first + n``, as light of the first channel."""
+    live_f, live_i, counters = b.live_f, b.live_i, b.counters
+    world = scene.limits[WORLD]
+    for i in range(n):
+        for k in range(3):
+            live_f[k, i] = origins[first + i, k]
+            live_f[3 + k, i] = directions[first + i, k]
+        live_f[WEIGHT, i] = 1.0
+        live_i[OWN, i] = -1
+        live_i[KEY, i] = 2 * len(scene.face_i) + len(scene.source_i)
+        live_i[NEST, i] = 0
+        live_i[MEDIUM, i] = world
+        live_i[CODE, i] = 0
+        live_i[RNG, i] = np.int64(stream_state(seed, first + i))
+        live_i[RAY, i] = i
+        live_i[LAST, i] = i
+        x, y, z = live_f[0, i], live_f[1, i], live_f[2, i]
+        write_record(b.words, b.real, i, x, y, z, 0.0, 0.0, 0.0, -1, -1, EMITTED, world, 0, i)
+        if len(b.exact) > 0:
+            b.exact[i, 0], b.exact[i, 1], b.exact[i, 2] = x, y, z
+        b.ray_i[N_RECORDS, i] = 1
+    counters[LIVE] = n
+    counters[RECORDS] = n
+    counters[DESCRIPTORS] = 0
+    counters[COLORS] = len(scene.source_i)
+
+
+@inner_kernel
 def interact(scene: CompiledScene, b: Buffers, follow: int) -> None:
     """Bring every live ray to the end of its segment; keep those that go on.
 
@@ -306,7 +338,7 @@ def _to_sphere(sphere: F64, x: float, y: float, z: float, dx: float, dy: float, 
     return max(0.0, -b + math.sqrt(max(0.0, b * b - c)))
 
 
-@lean_kernel
+@inner_kernel
 def _pass_detectors(
     detector_i: I64, detector_f: F64, record: int, x: float, y: float, z: float, dx: float,
     dy: float, dz: float, t_end: float, words: I32, meetings: I32, meeting_t: F64, counters: I64,
@@ -330,7 +362,7 @@ def _pass_detectors(
         )
 
 
-@lean_kernel
+@inner_kernel
 def _register_on_face(
     detector_i: I64, detector_f: F64, detector: int, record: int, x: float, y: float, z: float,
     dx: float, dy: float, dz: float, t: float, words: I32, meetings: I32, meeting_t: F64,
@@ -350,7 +382,7 @@ def _register_on_face(
     return 0
 
 
-@lean_kernel
+@inner_kernel
 def _describe(
     detector_i: I64, detector_f: F64, detector: int, record: int, u: float, v: float,
     cosine: float, t: float, words: I32, meetings: I32, meeting_t: F64, counters: I64,

@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import math
 
-from raymap.kernels import lean_kernel
+import numpy as np
+
+from raymap.kernels import inner_kernel
 from tracer.engine.buffers import BUNDLE, HIT, KEY, ORDER, T
 from tracer.engine.buffers import OWN as LIVE_OWN
 from tracer.geometry.kinds import F64, I64
@@ -22,7 +24,7 @@ __all__ = ["nearest_hits"]
 _SLOT = 3
 
 
-@lean_kernel
+@inner_kernel
 def sort_by_departure(live_i: I64, n: int, bins: I64) -> None:
     """Order the slots of ``n`` rays by departure; ``bins[k]`` becomes the end of departure k."""
     for k in range(len(bins)):
@@ -37,7 +39,7 @@ def sort_by_departure(live_i: I64, n: int, bins: I64) -> None:
         bins[k] += 1
 
 
-@lean_kernel
+@inner_kernel
 def nearest_hits(
     face_i: I64, face_f: F64, pool: F64, first: I64, face: I64, distance: F64, live_f: F64,
     live_i: I64, n: int, bundle_f: F64, bundle_i: I64, bins: I64,
@@ -52,7 +54,7 @@ def nearest_hits(
             _gather(live_f, live_i, start, m, bundle_f, bundle_i)
             start += m
             # Go down the list of candidates
-            row = 0
+            row = np.int64(0)
             settled = 0.0
             for c in range(first[key], first[key + 1]):
                 bound = distance[c]
@@ -72,7 +74,7 @@ def nearest_hits(
                 live_i[HIT, i] = bundle_i[1 + row, j]
 
 
-@lean_kernel
+@inner_kernel
 def _gather(live_f: F64, live_i: I64, start: int, m: int, bundle_f: F64, bundle_i: I64) -> None:
     for j in range(m):
         i = live_i[ORDER, start + j]
@@ -88,7 +90,7 @@ def _gather(live_f: F64, live_i: I64, start: int, m: int, bundle_f: F64, bundle_
         bundle_f[5, j] = live_f[5, i]
 
 
-@lean_kernel
+@inner_kernel
 def _count_beyond(bundle_f: F64, row: int, bound: float, m: int) -> int:
     count = 0
     for j in range(m):
@@ -96,7 +98,7 @@ def _count_beyond(bundle_f: F64, row: int, bound: float, m: int) -> int:
     return count
 
 
-@lean_kernel
+@inner_kernel
 def _keep_beyond(
     live_f: F64, live_i: I64, bundle_f: F64, bundle_i: I64, row: int, bound: float, m: int
 ) -> int:

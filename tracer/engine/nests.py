@@ -1,14 +1,14 @@
 """The nest of a ray: which bodies it is in, and so in which medium.
 
 A nest is three 16-bit words of body index + 1 in one integer, the one that counts in the lowest
-word. Where solids overlap, the body of higher priority counts; of equal ones, the one entered last (so a
-body inside another needs no priority). After C. M. Schmidt, B. Budge, "Simple nested dielectrics in
-ray traced images", Journal of Graphics Tools 7(2), 1 (2002).
+word. Where solids overlap, the body of higher priority counts; of equal ones, the one entered
+last (so a body inside another needs no priority). After C. M. Schmidt, B. Budge, "Simple nested
+dielectrics in ray traced images", Journal of Graphics Tools 7(2), 1 (2002).
 """
 
 from __future__ import annotations
 
-from raymap.kernels import lean_kernel
+from raymap.kernels import inner_kernel
 from tracer.geometry.kinds import I64
 from tracer.scene.arrays import B_PRIORITY
 
@@ -17,13 +17,13 @@ __all__ = ["enter_body", "leave_body", "top_body"]
 _FULL = 0xFFFF << 32
 
 
-@lean_kernel
+@inner_kernel
 def top_body(nest: int) -> int:
     """The body that counts, -1 in the world."""
     return (nest & 0xFFFF) - 1
 
 
-@lean_kernel
+@inner_kernel
 def enter_body(nest: int, body: int, body_i: I64) -> int:
     """Nest after entering ``body``; -1 if it was in already, or the nest is full."""
     if nest == 0:
@@ -46,7 +46,7 @@ def enter_body(nest: int, body: int, body_i: I64) -> int:
     return low | ((body + 1) << place) | ((nest >> place) << (place + 16))
 
 
-@lean_kernel
+@inner_kernel
 def leave_body(nest: int, body: int) -> int:
     """Nest after leaving ``body``; -1 if it was not in."""
     if nest == body + 1:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.kernels import lean_kernel
+from raymap.kernels import inner_kernel, lean_kernel
 from tracer.engine.buffers import (
     CHAIN,
     COLORS,
@@ -138,7 +138,7 @@ def store_block(
     filled[3] = n_colors
 
 
-@lean_kernel
+@inner_kernel
 def _place_descriptors(
     words: I32, r: int, meetings: I32, meeting_t: F64, columns: Columns, place: int
 ) -> None:
@@ -166,7 +166,7 @@ def _place_descriptors(
         d = np.int64(w[D_PREVIOUS])
 
 
-@lean_kernel
+@inner_kernel
 def _quantise(colors: F64, row: int, table: U16, place: int) -> None:
     """Shares as 16-bit numbers that sum to 65535: rounded down, the rest by largest remainder."""
     n_channels = colors.shape[1]

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from raymap.events import Event
-from raymap.kernels import inline_kernel, lean_kernel
+from raymap.kernels import inline_kernel, inner_kernel
 from tracer.engine.buffers import COLORS
 from tracer.engine.colors import mean_of, pick_channel, recolor
 from tracer.engine.directions import about, sample_cosine_cone
@@ -129,7 +129,7 @@ def _fresnel(n1: float, n2: float, cos_i: float, cos_t: float) -> float:
     return 0.5 * (s * s + p * p) / (below * below)
 
 
-@lean_kernel
+@inner_kernel
 def _recolor_reflected(
     surface_i: I64, surface_f: F64, medium_f: F64, surface: int, medium: int, other: int,
     cos_i: float, code: int, colors: F64, counters: I64,
@@ -141,16 +141,17 @@ def _recolor_reflected(
         if reflectance < 1.0 and surface_i[surface, S_MODEL] == 1:
             reflectance = surface_f[surface, SURFACE_ROW + j]
         colors[spare, j] = reflectance
-    return recolor(colors, code, colors, spare, 0, counters)
+    return recolor(colors, code, colors, spare, np.int64(0), counters)
 
 
-@lean_kernel
+@inner_kernel
 def _meet_lambertian(
     surface_f: F64, surface: int, dx: float, dy: float, dz: float, nx: float, ny: float,
     nz: float, code: int, colors: F64, counters: I64, state: np.uint64,
 ) -> Outcome:  # fmt: skip
     """Diffuse reflection, diffuse transmission or absorption."""
-    reflectance, transmittance = SURFACE_ROW, SURFACE_ROW + colors.shape[1]
+    reflectance = np.int64(SURFACE_ROW)
+    transmittance = reflectance + colors.shape[1]
     state = advance(state)
     u = uniform(state)
     back = mean_of(colors, code, surface_f, surface, reflectance)
@@ -165,7 +166,7 @@ def _meet_lambertian(
     return _ABSORBED, False, dx, dy, dz, code, state
 
 
-@lean_kernel
+@inner_kernel
 def _diffuse(
     nx: float, ny: float, nz: float, state: np.uint64
 ) -> tuple[float, float, float, np.uint64]:
@@ -176,15 +177,15 @@ def _diffuse(
     return dx, dy, dz, state
 
 
-@lean_kernel
+@inner_kernel
 def _meet_mirror(
     surface_f: F64, surface: int, dx: float, dy: float, dz: float, nx: float, ny: float,
     nz: float, cos_i: float, code: int, colors: F64, counters: I64, state: np.uint64,
 ) -> Outcome:  # fmt: skip
     """Specular reflection or absorption."""
     state = advance(state)
-    if uniform(state) >= mean_of(colors, code, surface_f, surface, SURFACE_ROW):
+    if uniform(state) >= mean_of(colors, code, surface_f, surface, np.int64(SURFACE_ROW)):
         return _ABSORBED, False, dx, dy, dz, code, state
-    code = recolor(colors, code, surface_f, surface, SURFACE_ROW, counters)
+    code = recolor(colors, code, surface_f, surface, np.int64(SURFACE_ROW), counters)
     along = 2.0 * cos_i
     return _REFLECTED, False, dx + along * nx, dy + along * ny, dz + along * nz, code, state

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from raymap.events import Event
-from raymap.kernels import lean_kernel
+from raymap.kernels import inner_kernel
 from tracer.engine.buffers import COLORS
 from tracer.engine.colors import mean_of, pick_channel, recolor
 from tracer.engine.random import advance, uniform
@@ -21,7 +21,7 @@ _SCATTER = int(Event.VOLUME_SCATTER)
 _ABSORPTION = int(Event.VOLUME_ABSORPTION)
 
 
-@lean_kernel
+@inner_kernel
 def fly_freely(
     medium_i: I64, medium_f: F64, tables: F64, medium: int, t: float, dx: float, dy: float,
     dz: float, code: int, colors: F64, counters: I64, state: np.uint64,
@@ -56,7 +56,7 @@ def fly_freely(
         for i in range(n_channels):
             s = medium_f[medium, n_channels + i] + medium_f[medium, 2 * n_channels + i]
             colors[spare, i] = math.exp(-s * distance) * (1.0 if through else s)
-        code = recolor(colors, code, colors, spare, 0, counters)
+        code = recolor(colors, code, colors, spare, np.int64(0), counters)
     if through:
         return 0, t, dx, dy, dz, code, state
     # Choose between absorption and scattering
@@ -67,9 +67,9 @@ def fly_freely(
         for i in range(n_channels):
             s = medium_f[medium, n_channels + i] + medium_f[medium, 2 * n_channels + i]
             colors[spare, i] = medium_f[medium, 2 * n_channels + i] / s if s > 0.0 else 0.0
-        if u >= mean_of(colors, code, colors, spare, 0):
+        if u >= mean_of(colors, code, colors, spare, np.int64(0)):
             return _ABSORPTION, distance, dx, dy, dz, code, state
-        code = recolor(colors, code, colors, spare, 0, counters)
+        code = recolor(colors, code, colors, spare, np.int64(0), counters)
     elif u * extinction >= medium_f[medium, 2 * n_channels + k]:
         return _ABSORPTION, distance, dx, dy, dz, code, state
     state = advance(state)

@@ -7,6 +7,7 @@ worker thread has its own buffers, and the interpreter lock is released while ra
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from raymap.kernels import lean_kernel
 from raymap.portion import Descriptors as DescriptorColumns
 from raymap.portion import Portion
 from tracer.engine.buffers import COLORS, DESCRIPTORS, LIVE, RECORDS, Buffers, Workspace
-from tracer.engine.interact import emit_block, interact
+from tracer.engine.interact import emit_block, interact, place_block
 from tracer.engine.intersect import nearest_hits
 from tracer.engine.store import Columns, store_block
 from tracer.scene.arrays import CompiledScene
@@ -84,6 +85,22 @@ class Wavefront:
             assembly.store(workspace, n)
         emitted = emitted_counts(self.scene.pattern, len(self.scene.source_i), first_ray, n_rays)
         return assembly.portion(emitted, self.scene, first_ray, copy=not reuse)
+
+    def trace_given(
+        self, origins: NDArray[np.float64], directions: NDArray[np.float64], *, follow: int = 0
+    ) -> Portion:
+        """Trace given rays, (n, 3) each, of the first channel, from the world medium."""
+        workspace, assembly = self._buffers()
+        assembly.start(len(origins))
+        for start in range(0, len(origins), self.block):
+            n = min(self.block, len(origins) - start)
+            place_block(self.scene, self.seed, start, n, origins, directions, workspace.buffers)
+            self._run(workspace, follow)
+            assembly.store(workspace, n)
+        emitted = np.zeros(len(self.scene.source_i), np.int64)
+        emitted[0] = len(origins)
+        portion = assembly.portion(emitted, self.scene, 0, copy=True)
+        return replace(portion, source=np.zeros(len(origins), np.int16))
 
     def _run(self, workspace: Workspace, follow: int) -> None:
         while not run_steps(self.scene, workspace.buffers, follow):

@@ -363,8 +363,8 @@ class PrismBody(Body):
             points = points[::-1]
         half = self.length / 2.0
         flat = np.column_stack([points, np.zeros(len(points))])
-        low = origin + (flat - [0.0, 0.0, half]) @ frame.T
-        high = origin + (flat + [0.0, 0.0, half]) @ frame.T
+        low = origin + flat @ frame.T - half * frame[:, 2]
+        high = origin + flat @ frame.T + half * frame[:, 2]
         plans = []
         for k in range(len(points)):
             j = (k + 1) % len(points)

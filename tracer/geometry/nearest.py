@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 
-from raymap.kernels import lean_kernel
+from raymap.kernels import inner_kernel
 from tracer.geometry.kinds import (
     ANNULUS,
     CONE,
@@ -33,19 +33,10 @@ OWN = 0
 DISTANCE = 6
 
 
-@lean_kernel
+@inner_kernel
 def _annulus(table: F64, f: int, r: F64, h: I64, row: int, m: int) -> None:
     s = table[f]
-    ox, oy, oz, nx, ny, nz, inner, outer = (
-        table[f, 0],
-        table[f, 1],
-        table[f, 2],
-        table[f, 3],
-        table[f, 4],
-        table[f, 5],
-        table[f, 6],
-        table[f, 7],
-    )
+    ox, oy, oz, nx, ny, nz, inner, outer = s[0], s[1], s[2], s[3], s[4], s[5], s[6], s[7]
     b_in, b_out = 1 + row, 2 - row
     for i in range(m):
         wx = r[0, i] - ox
@@ -62,27 +53,11 @@ def _annulus(table: F64, f: int, r: F64, h: I64, row: int, m: int) -> None:
         h[b_out, i] = f if take else h[b_in, i]
 
 
-@lean_kernel
+@inner_kernel
 def _rectangle(table: F64, f: int, r: F64, h: I64, row: int, m: int) -> None:
     s = table[f]
-    ox, oy, oz, nx, ny, nz = (
-        table[f, 0],
-        table[f, 1],
-        table[f, 2],
-        table[f, 3],
-        table[f, 4],
-        table[f, 5],
-    )
-    ux, uy, uz, vx, vy, vz, width, height = (
-        table[f, 6],
-        table[f, 7],
-        table[f, 8],
-        table[f, 9],
-        table[f, 10],
-        table[f, 11],
-        table[f, 12],
-        table[f, 13],
-    )
+    ox, oy, oz, nx, ny, nz = s[0], s[1], s[2], s[3], s[4], s[5]
+    ux, uy, uz, vx, vy, vz, width, height = s[6], s[7], s[8], s[9], s[10], s[11], s[12], s[13]
     b_in, b_out = 1 + row, 2 - row
     for i in range(m):
         wx = r[0, i] - ox
@@ -100,17 +75,10 @@ def _rectangle(table: F64, f: int, r: F64, h: I64, row: int, m: int) -> None:
         h[b_out, i] = f if take else h[b_in, i]
 
 
-@lean_kernel
+@inner_kernel
 def _polygon(table: F64, f: int, pool: F64, r: F64, h: I64, row: int, m: int) -> None:
     s = table[f]
-    ox, oy, oz, nx, ny, nz = (
-        table[f, 0],
-        table[f, 1],
-        table[f, 2],
-        table[f, 3],
-        table[f, 4],
-        table[f, 5],
-    )
+    ox, oy, oz, nx, ny, nz = s[0], s[1], s[2], s[3], s[4], s[5]
     first, count = int(s[6]), int(s[7])
     b_in, b_out = 1 + row, 2 - row
     for i in range(m):
@@ -130,19 +98,10 @@ def _polygon(table: F64, f: int, pool: F64, r: F64, h: I64, row: int, m: int) ->
         h[b_out, i] = f if take else h[b_in, i]
 
 
-@lean_kernel
+@inner_kernel
 def _sphere(table: F64, f: int, r: F64, h: I64, row: int, m: int) -> None:
     s = table[f]
-    vx, vy, vz, ax, ay, az, radius, sag = (
-        table[f, 0],
-        table[f, 1],
-        table[f, 2],
-        table[f, 3],
-        table[f, 4],
-        table[f, 5],
-        table[f, 6],
-        table[f, 7],
-    )
+    vx, vy, vz, ax, ay, az, radius, sag = s[0], s[1], s[2], s[3], s[4], s[5], s[6], s[7]
     b_in, b_out = 1 + row, 2 - row
     for i in range(m):
         # Solve t² + 2 b t + c = 0 in coordinates of the vertex: nothing large cancels
@@ -166,7 +125,7 @@ def _sphere(table: F64, f: int, r: F64, h: I64, row: int, m: int) -> None:
         h[b_out, i] = f if take_far | take_near else h[b_in, i]
 
 
-@lean_kernel
+@inner_kernel
 def _cylinder(table: F64, f: int, r: F64, h: I64, row: int, m: int) -> None:
     s = table[f]
     ox, oy, oz, ax, ay, az = s[0], s[1], s[2], s[3], s[4], s[5]
@@ -202,7 +161,7 @@ def _cylinder(table: F64, f: int, r: F64, h: I64, row: int, m: int) -> None:
         h[b_out, i] = f if take_far | take_near else h[b_in, i]
 
 
-@lean_kernel
+@inner_kernel
 def _cone(table: F64, f: int, r: F64, h: I64, row: int, m: int) -> None:
     s = table[f]
     ox, oy, oz, ax, ay, az = s[0], s[1], s[2], s[3], s[4], s[5]
@@ -234,7 +193,7 @@ def _cone(table: F64, f: int, r: F64, h: I64, row: int, m: int) -> None:
         h[b_out, i] = f if take1 | take2 else h[b_in, i]
 
 
-@lean_kernel
+@inner_kernel
 def _conic(table: F64, f: int, r: F64, h: I64, row: int, m: int) -> None:
     s = table[f]
     vx, vy, vz, ax, ay, az = s[0], s[1], s[2], s[3], s[4], s[5]
@@ -272,7 +231,7 @@ def _conic(table: F64, f: int, r: F64, h: I64, row: int, m: int) -> None:
         h[b_out, i] = f if take1 | take2 else h[b_in, i]
 
 
-@lean_kernel
+@inner_kernel
 def nearest_on_face(
     kind: int, table: F64, f: int, pool: F64, r: F64, h: I64, row: int, m: int
 ) -> None:
@@ -305,7 +264,7 @@ def nearest_on_face(
         asphere_nearest(table, f, r, h, row, m)
 
 
-@lean_kernel
+@inner_kernel
 def asphere_sag(s: F64, r2: float) -> tuple[float, float]:
     """Sag of an even asphere at radius² ``r2`` and its derivative by ``r2``; nan outside it."""
     curvature, shape = s[6], s[7]
@@ -320,7 +279,7 @@ def asphere_sag(s: F64, r2: float) -> tuple[float, float]:
     return sag, slope
 
 
-@lean_kernel
+@inner_kernel
 def asphere_nearest(table: F64, f: int, r: F64, h: I64, row: int, m: int) -> None:
     """Walk along each ray through the slab of the surface, then close in on the first crossing."""
     s = table[f]
@@ -389,7 +348,7 @@ def asphere_nearest(table: F64, f: int, r: F64, h: I64, row: int, m: int) -> Non
             left, value_left = right, value_right
 
 
-@lean_kernel
+@inner_kernel
 def asphere_range(s: F64) -> tuple[float, float]:
     """Lowest and highest sag within the aperture, a little enlarged."""
     low, high = 0.0, 0.0
@@ -401,7 +360,7 @@ def asphere_range(s: F64) -> tuple[float, float]:
     return low - margin, high + margin
 
 
-@lean_kernel
+@inner_kernel
 def _asphere_value(s: F64, w_a: float, d_a: float, w_w: float, w_d: float, t: float) -> float:
     height = w_a + t * d_a
     r2 = w_w + t * (2.0 * w_d + t) - height * height
@@ -409,7 +368,7 @@ def _asphere_value(s: F64, w_a: float, d_a: float, w_w: float, w_d: float, t: fl
     return height - sag
 
 
-@lean_kernel
+@inner_kernel
 def _asphere_bracket(
     s: F64, w_a: float, d_a: float, w_w: float, w_d: float, left: float, right: float,
     value_left: float,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from raymap.kernels import inline_kernel, lean_kernel
+from raymap.kernels import inline_kernel, inner_kernel
 from tracer.geometry.kinds import CONE, CONIC, CYLINDER, F64, SPHERE
 from tracer.geometry.nearest import asphere_sag
 
@@ -36,7 +36,7 @@ def face_normal(
     return _normal_about_axis(kind, table, f, x, y, z)
 
 
-@lean_kernel
+@inner_kernel
 def _normal_about_axis(
     kind: int, table: F64, f: int, x: float, y: float, z: float
 ) -> tuple[float, float, float]:

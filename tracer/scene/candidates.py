@@ -1,9 +1,9 @@
 """Which faces a ray can meet next, found once per scene from boxes that surely hold the faces.
 
 A ray that leaves a face starts inside that face's box. If it does not go back along some axis, it
-cannot meet what lies behind the box on that axis; and it travels at least the distance of both boxes
-to meet a face. Both statements hold for every ray, so a list sorted by that distance may be left as
-soon as all rays have met something nearer than the rest of it.
+cannot meet what lies behind the box on that axis; and it travels at least the distance of both
+boxes to meet a face. Both statements hold for every ray, so a list sorted by that distance may be
+left as soon as all rays have met something nearer than the rest of it.
 """
 
 from __future__ import annotations

@@ -565,20 +565,16 @@ def _finite(value: Any) -> Any:
     return value
 
 
+_HASHED = (
+    "length_unit", "flux_unit", "world", "media", "surfaces", "bodies", "sources", "detectors",
+)  # fmt: skip
+
+
 def _scene_hash(scene: Scene) -> str:
     """Hash of geometry, media, surfaces, sources and detectors."""
     parts = scene.model_dump(
         mode="json",
-        include={
-            "length_unit",
-            "flux_unit",
-            "world",
-            "media",
-            "surfaces",
-            "bodies",
-            "sources",
-            "detectors",
-        },  # fmt: skip
+        include=set(_HASHED),
     )
     text = json.dumps(parts, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:32]

@@ -2,7 +2,8 @@
 
 References
 ----------
-Welford, Aberrations of Optical Systems (1986), chapter 3: n' u' = n u - y c (n' - n), y' = y + u' d.
+Welford, Aberrations of Optical Systems (1986), chapter 3: n' u' = n u - y c (n' - n),
+y' = y + u' d.
 """
 
 from __future__ import annotations

@@ -1,0 +1,61 @@
+"""First-order numbers of the sample against its published values."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tracer.scene.load import load_scene, parse_scene
+from tracer.studies.lens import examine, first_order
+
+SAMPLE = Path(__file__).parents[2] / "samples" / "double_gauss.toml"
+
+
+def test_focal_length_and_back_focus_at_the_d_line() -> None:
+    found = first_order(load_scene(SAMPLE))
+    assert found.efl == pytest.approx(100.0037, abs=5e-5)
+    assert found.bfl == pytest.approx(61.48755, abs=1e-4)
+    assert found.f_number == pytest.approx(3.0, abs=1e-3)
+    assert found.entrance_pupil == pytest.approx(57.91, abs=5e-3)
+
+
+def test_thin_lens_in_front_of_its_stop() -> None:
+    scene = parse_scene(
+        """
+length_unit = "mm"
+[media.glass]
+index = 1.5
+[bodies.lens]
+kind = "lens"
+medium = "glass"
+thickness = 0.5
+surface = "bare"
+rim = "absorber"
+front = { radius = 50, semi_diameter = 5 }
+back = { radius = -50, semi_diameter = 5 }
+[bodies.stop]
+kind = "ring"
+position = [0, 0, 10]
+inner = 2
+outer = 6
+surface = "absorber"
+stop = true
+[sources.lamp]
+kind = "point"
+position = [0, 0, -50]
+"""
+    )
+    found = first_order(scene)
+    assert found.efl == pytest.approx(50.0, rel=5e-3)
+    assert found.exit_pupil == 10.0
+    # 1/s' = 1/f + 1/s of the stop seen through the lens
+    assert found.entrance_pupil == pytest.approx(1.0 / (1.0 / 10.0 - 1.0 / 50.0), rel=0.03)
+    assert found.entrance_diameter == pytest.approx(4.0 * 12.5 / 10.0, rel=0.03)
+
+
+def test_check_reports_what_the_scene_holds() -> None:
+    report = examine(load_scene(SAMPLE, variants=["spectral"]))
+    assert report["efl"] == pytest.approx(100.0037, abs=5e-5)
+    assert list(report["bodies"])[:3] == ["L1", "L2", "L3"]
+    assert len(report["channels"]) == 11
