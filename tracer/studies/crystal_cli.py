@@ -1,0 +1,138 @@
+"""Commands for crystals: ``verify-crystals`` and ``render``."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from raymap.cli import emit_json
+from raymap.errors import MapExists, RayMapError
+
+__all__ = ["register"]
+
+
+class VerificationFailed(RayMapError):
+    """Some check of the crystal suite did not pass."""
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands."""
+    app.command("verify-crystals")(verify_crystals)
+    app.command("render")(render)
+
+
+def verify_crystals(
+    model: Annotated[
+        str, typer.Option(help="Local model to verify, module:function; default Raymap's own.")
+    ] = "",
+    pictures: Annotated[
+        Path | None, typer.Option("--pictures", "-o", help="Folder for the pictures.")
+    ] = None,
+    scenes: Annotated[
+        Path | None, typer.Option(help="Folder of configuration files that replace the supplied.")
+    ] = None,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(help="Run only this part: 'numeric' or the name of a scene; may be repeated."),
+    ] = None,
+    width: Annotated[int, typer.Option(help="Width of the picture of the calcite box.")] = 120,
+    threads: Annotated[int | None, typer.Option(help="Threads for rendering.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")] = False,
+) -> None:
+    """Verify light in crystals: Snell, Brewster, double refraction, figures, furnace."""
+    from tracer.studies.crystal_verification import SCENES, find_model, verify_crystals
+    from tracer.studies.crystal_verification import as_json as plain
+
+    chosen = tuple(only) if only else ("numeric", *SCENES)
+    # Another's model is checked by numbers; the scenes run on Raymap's own tracing
+    if model and not only:
+        chosen = ("numeric",)
+    results: list[dict[str, Any]] = []
+    failed = 0
+    for check in verify_crystals(
+        find_model(model) if model else None,
+        numeric="numeric" in chosen,
+        scenes=tuple(name for name in chosen if name != "numeric"),
+        pictures=pictures,
+        scene_folder=scenes,
+        width=width,
+        threads=threads,
+    ):
+        failed += not check.passed
+        results.append(plain(check))
+        if not as_json:
+            verdict = "pass" if check.passed else "FAIL"
+            line = f"{verdict}  {check.name:36s} {check.deviation:9.2e} <= {check.limit:7.1e}"
+            typer.echo(f"{line}  {check.statement}")
+    if as_json:
+        for result in results:
+            if not math.isfinite(result["deviation"]):
+                result["deviation"] = None
+        emit_json({"passed": failed == 0, "failed": failed, "checks": results})
+    else:
+        typer.echo(f"{len(results) - failed} of {len(results)} checks passed")
+    if failed:
+        raise VerificationFailed(f"{failed} of {len(results)} checks of the crystal suite failed")
+
+
+def render(
+    scene: Annotated[Path, typer.Argument(help="Scene of crystals in a room, TOML.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Picture, .png or .exr.")],
+    threads: Annotated[int | None, typer.Option(help="Threads; default all cores.")] = None,
+    width: Annotated[int | None, typer.Option(help="Another width of the picture.")] = None,
+    analyser: Annotated[
+        float | None, typer.Option(help="Analyser before the camera, degrees from horizontal.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing picture.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")] = False,
+) -> None:
+    """Render crystals in a room of glowing walls; an interrupted picture goes on when run again."""
+    from dataclasses import replace
+
+    from rich.progress import Progress
+
+    from raymap.errors import SceneError
+    from tracer.render.load import load_render_scene
+    from tracer.render.renderer import render as render_scene
+    from tracer.studies.calcite_box import resized
+
+    if output.suffix.lower() not in (".png", ".exr"):
+        raise SceneError(f"picture {str(output)!r}: write .png or .exr")
+    if output.exists() and not force:
+        raise MapExists(f"{str(output)!r} exists; use --force to replace it")
+    description = load_render_scene(scene)
+    if width is not None:
+        if width < 1:
+            raise SceneError(f"width is {width}; it must be at least 1")
+        description = resized(description, width)
+    if analyser is not None:
+        camera = replace(description.camera, analyser_deg=analyser)
+        description = replace(description, camera=camera)
+    with Progress(disable=as_json, transient=True) as bar:
+        task = bar.add_task(description.name, total=None)
+        picture = render_scene(
+            description,
+            threads=threads,
+            state=output.with_name(output.name + ".state.npz"),
+            progress=lambda done, total: bar.update(task, completed=done, total=total),
+        )
+    picture.save(output)
+    summary = {
+        "picture": str(output),
+        "pixels": list(description.camera.pixels),
+        "wavelengths": len(description.wavelengths_nm),
+        "seconds": picture.seconds,
+        "pruning_steps": float(picture.error_steps.max()),
+        "truncated": float(picture.truncated.max()),
+    }
+    if as_json:
+        emit_json(summary)
+    else:
+        typer.echo(
+            f"{output}: {picture.seconds:.1f} s, pruning error at most "
+            f"{summary['pruning_steps']:.2f} of an 8-bit step, at most "
+            f"{100.0 * float(picture.truncated.max()):.2g} % cut at the depth limit"
+        )
