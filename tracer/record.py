@@ -181,8 +181,9 @@ class _Run:
         self.seed = self._seed(seed)
         self.engine = Wavefront(compilation.arrays, self.seed)
         self.tally = Tally(compilation.directory, compilation.channel_set)
-        self.portion_rays = portion_rays or self._portion_rays()
         self.channel_set = writer.add_channel_set(compilation.channel_set) if writer else 0
+        fitting = self._fitting_rays()
+        self.portion_rays = portion_rays or fitting
         self.first_ray = writer.next_ray if writer else 0
         self.bytes_before = writer.bytes_written if writer else 0
 
@@ -193,9 +194,12 @@ class _Run:
         known = [run["seed"] for run in runs if run.get("seed") is not None]
         return int(known[-1]) if known else DEFAULT_SEED
 
-    def _portion_rays(self) -> int:
+    def _fitting_rays(self) -> int:
         """Rays whose records surely fit a portion, judged by a few rays traced for it."""
         pilot = self.engine.trace(0, _PILOT_RAYS, reuse=True)
+        if self.writer:
+            # Compile what encodes portions before the clock starts
+            self.writer.encode(replace(pilot, channel_set=self.channel_set), 0)
         fitting = 0.8 * PORTION_RECORDS * pilot.n_rays / pilot.n_records
         return max(64, min(PORTION_RAYS, 2 ** int(np.log2(fitting))))
 

@@ -29,7 +29,7 @@ index = 1.5
 [bodies.lens]
 kind = "lens"
 medium = "glass"
-thickness = 0.5
+thickness = 0.6
 surface = "bare"
 rim = "absorber"
 front = { radius = 50, semi_diameter = 5 }

@@ -36,8 +36,8 @@ BAD = {
     ),
     "faces that overlap": (("thickness = 8.75", "thickness = 0.75"), ("bodies.L1", "overlap")),
     "lenses that overlap": (
-        ("position = [0, 0, 9.25]", "position = [0, 0, 5.25]"),
-        ("bodies.L", "overlap"),
+        ("position = [0, 0, 70.967402]", "position = [0, 0, 69.967402]"),
+        ("bodies.L6", "overlaps 'L5' by 0.5"),
     ),
     "cement apart": (
         ("position = [0, 0, 21.75]", "position = [0, 0, 21.85]"),

@@ -158,6 +158,14 @@ class LensBody(Body):
             self.thickness + back.sag(back.semi_diameter or 0.0),
         )
 
+    def height_of_front(self, r: float) -> float:
+        """Height of the front, or of its land, at distance ``r`` from the axis."""
+        return self.front.sag(min(r, self.front.semi_diameter or 0.0))
+
+    def height_of_back(self, r: float) -> float:
+        """Height of the back, or of its land, at distance ``r`` from the axis."""
+        return self.thickness + self.back.sag(min(r, self.back.semi_diameter or 0.0))
+
     def problems(self) -> list[str]:
         h = min(self.front.semi_diameter or 0.0, self.back.semi_diameter or 0.0)
         for k in range(65):

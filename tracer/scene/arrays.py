@@ -34,8 +34,8 @@ M_DISPERSIVE, M_PARTICIPATING = range(2)
 B_MEDIUM, B_PRIORITY = range(2)
 
 # Columns of source_i; source_f: center 0-2, normal 3-5, u 6-8, v 9-11, half sizes or inner and
-# outer radius 12-13, cosine that limits the cone 14, direction of a collimated beam 15-17, normal in
-# the record 18-20, then the shares of the channels (C)
+# outer radius 12-13, cosine that limits the cone 14, direction of a collimated beam 15-17, normal
+# in the record 18-20, then the shares of the channels (C)
 L_AREA, L_DIRECTIONS, L_CODE, L_NEST, L_MEDIUM = range(5)
 SOURCE_ROW = 24
 

@@ -42,6 +42,7 @@ from tracer.scene.arrays import (
     CompiledScene,
 )
 from tracer.scene.candidates import find_candidates, main_axis
+from tracer.scene.checks import check_lenses
 from tracer.scene.load import _nearest
 from tracer.scene.media import medium_table
 from tracer.scene.model import RGB_NM, Scene, SourceModel, SurfaceModel, cone_cosine
@@ -129,6 +130,7 @@ def resolve_bodies(scene: Scene) -> dict[str, Body]:
         if problems:
             raise SceneError(f"{place}.{problems[0]}")
         bodies[name] = body
+    check_lenses(bodies, scene.origin)
     return bodies
 
 
