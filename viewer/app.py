@@ -134,6 +134,7 @@ class Application:
                 **choices(directory),
             }
         )  # fmt: skip
+        self.page.client_only("menu", "save_name")
         markup = template("page")
         for part in ("controls", "view", "criterion", "detector", "paths", "report"):
             markup = markup.replace(f"@{part}@", template(part))

@@ -55,6 +55,8 @@ def make_server(token: str) -> Any:
         }
     )
 
+    server.state.token = token
+
     def guard(web_server: Any) -> None:
         from aiohttp import web
 

@@ -8,7 +8,7 @@
     props: { version: { type: Number, default: 0 }, cursor: { type: String, default: "grab" } },
     template: `
       <div class="rm-view" ref="box" :style="{cursor: dragging ? 'grabbing' : 'default'}"
-           tabindex="0" data-testid="view" :data-painted="painted" :data-busy="pending"
+           tabindex="0" data-testid="view" :data-version="version" :data-painted="painted" :data-busy="pending"
            @pointerdown="down" @pointermove="move" @pointerup="up" @pointercancel="up"
            @pointerleave="hideTip" @wheel.prevent="wheel" @dblclick="fit" @contextmenu.prevent>
         <img v-show="src" :src="src" draggable="false" alt="scene with rays"/>
@@ -249,13 +249,13 @@
 
   // -- keeps the session in the address, restores it, counts the tabs ---------------------------
   const RmSession = {
-    props: { address: { type: String, default: "" }, file: Object },
+    props: { address: { type: String, default: "" }, token: String, file: Object },
     template: "<span></span>",
     mounted() {
       const url = new URL(window.location);
-      const token = window.raymapToken;
-      if (token && !url.searchParams.get("secret")) {
-        url.searchParams.set("secret", token);
+      // The client takes the token out of the address; put it back, so that reloading works
+      if (this.token && !url.searchParams.get("secret")) {
+        url.searchParams.set("secret", this.token);
         window.history.replaceState({}, document.title, url);
       }
       const session = window.location.hash.slice(1);
