@@ -1,0 +1,310 @@
+"""Record a scene with polarised light.
+
+The map has what any map has, weights, and two further columns:
+
+``stokes`` (n_records, 3) float32 : s1, s2, s3 over s0 of the segment that starts at the record. The
+    axis x is the world's x axis made perpendicular to the ray (the world's y axis where the ray
+    runs within 0.8 degrees of x), y = d x x; s3 > 0 is right-handed (`tracer.optics.polarization`)
+``optical_path`` (n_records,) float32 : index times length from the emission to the record's point
+    [scene units]; float64 together with ``phase``
+``phase`` (n_records,) float32, if asked for : phase of the field along x by interfaces [rad],
+    without that of the path; along y where the field has no x
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections import deque
+from collections.abc import Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raymap.errors import MapExists, SceneError
+from raymap.portion import Descriptors, Portion
+from raymap.schema import PORTION_RAYS
+from raymap.writer import RayMapWriter
+from tracer.engine.polarized import (
+    PolarizedColumns,
+    RayColumns,
+    SpecialFaces,
+    polarize_rays,
+)
+from tracer.engine.wavefront import Wavefront
+from tracer.record import RecordResult
+from tracer.scene.arrays import F_OBJECT, F_TRIANGLE
+from tracer.scene.compile import Compilation, compile_scene
+from tracer.scene.load import load_scene
+from tracer.scene.model import Scene
+from tracer.tally import Tally
+
+__all__ = ["Polarization", "PolarizedWavefront", "record_polarized"]
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Polarization:
+    """What is polarised in a scene.
+
+    Attributes
+    ----------
+    states : of light that has no state yet (unpolarised sources, after diffuse, glossy and volume
+        events): "linear" draws the azimuth of one linear wave for every ray; "natural" carries both
+        halves of natural light along, so that a ray has a degree of polarisation of its own and
+        fluxes have a smaller error
+    sources : vibration of polarised sources by name; its part across the ray counts
+    polarisers : sheet polarisers by the full name of their face: absorption axis and extinction
+        (the share of the absorbed vibration that leaks). Light that passes the face is polarised;
+        a body of a medium like its surroundings makes a sheet
+    phases : also store the phase that interfaces give, and optical paths in float64, so that fields
+        can be added
+    """
+
+    states: Literal["linear", "natural"] = "linear"
+    sources: Mapping[str, Vector] = field(default_factory=dict)
+    polarisers: Mapping[str, tuple[Vector, float]] = field(default_factory=dict)
+    phases: bool = False
+
+    def special_faces(self, compilation: Compilation) -> SpecialFaces:
+        """Look all names up.
+
+        Raises
+        ------
+        SceneError
+            a face or source that the scene does not have, an axis of length zero, an extinction
+            outside 0 .. 1, an unknown kind of states
+        """
+        if self.states not in ("linear", "natural"):
+            raise SceneError(f"states is {self.states!r}: choose linear or natural")
+        directory, arrays = compilation.directory, compilation.arrays
+        first = np.zeros(len(directory.objects) + 1, np.int64)
+        for number, item in enumerate(directory.objects):
+            first[number + 1] = sum(face.primitive_count for face in item.faces)
+        first = np.cumsum(first)
+        face = np.full(int(first[-1]), -1, np.int64)
+        for row in range(len(arrays.face_i)):
+            met, triangle = arrays.face_i[row, F_OBJECT], arrays.face_i[row, F_TRIANGLE]
+            if met >= 0:
+                face[first[met] + triangle] = row
+
+        table = directory.faces
+        polariser = np.zeros((len(arrays.face_i), 4))
+        polariser[:, 3] = -1.0
+        for name, (axis, extinction) in self.polarisers.items():
+            if name not in table.names:
+                raise SceneError(
+                    f"polarisers: the scene has no face {name!r}; faces: {', '.join(table.names)}"
+                )
+            if not 0.0 <= extinction <= 1.0:
+                raise SceneError(f"polarisers.{name}: extinction is {extinction:g}, not in 0 .. 1")
+            number = table.names.index(name)
+            start = first[table.object[number]] + table.first_primitive[number]
+            rows = face[start : start + table.primitive_count[number]]
+            polariser[rows[rows >= 0], :3] = _direction(axis, f"polarisers.{name}")
+            polariser[rows[rows >= 0], 3] = extinction
+
+        names = [source.name for source in directory.sources]
+        vibration = np.zeros((len(names), 3))
+        for name, axis in self.sources.items():
+            if name not in names:
+                raise SceneError(
+                    f"sources: the scene has no source {name!r}; sources: {', '.join(names)}"
+                )
+            vibration[names.index(name)] = _direction(axis, f"sources.{name}")
+        return SpecialFaces(first, face, polariser, vibration)
+
+
+class PolarizedWavefront:
+    """Traces portions of polarised light; safe to call from many threads."""
+
+    def __init__(self, compilation: Compilation, seed: int, polarization: Polarization) -> None:
+        self.scene = compilation.arrays
+        self.seed = seed
+        self.polarization = polarization
+        self.special = polarization.special_faces(compilation)
+        self.engine = Wavefront(compilation.arrays, seed, exact=True)
+        self._local = threading.local()
+
+    def trace(self, first_ray: int, n_rays: int) -> Portion:
+        """Trace the rays ``first_ray`` to ``first_ray + n_rays`` with their polarisation."""
+        portion = self.engine.trace(first_ray, n_rays)
+        n = portion.n_records
+        phases = self.polarization.phases
+        out = PolarizedColumns(
+            weight=np.empty(n_rays),
+            stokes=np.empty((n, 3), np.float32),
+            path=np.empty(n),
+            phase=np.empty(n if phases else 0, np.float32),
+            event=np.empty(n, np.int32),
+            kept=np.empty(n_rays, np.int32),
+            waves=np.empty((2, 6)),
+        )
+        exact = np.ascontiguousarray(portion.extra["exact"], np.float64)
+        rays = RayColumns(
+            source=portion.source,
+            records_per_ray=portion.records_per_ray,
+            exact=exact,
+            normal=portion.normal,
+            object=portion.object,
+            triangle=portion.triangle,
+            event=portion.event,
+            medium=portion.medium,
+            color_code=portion.color_code,
+            color_table=portion.color_table,
+        )
+        polarize_rays(
+            self.scene, rays, self.special, out, self.seed, first_ray,
+            self.polarization.states == "natural",
+        )  # fmt: skip
+        extra: dict[str, NDArray[np.generic]] = {
+            "stokes": out.stokes,
+            "optical_path": out.path if phases else out.path.astype(np.float32),
+        }
+        if phases:
+            extra["phase"] = out.phase
+        whole = replace(portion, event=out.event, weight=out.weight.astype(np.float32), extra=extra)
+        return _shortened(whole, out.kept)
+
+
+def record_polarized(
+    scene: str | Path | Scene | Compilation,
+    path: str | Path | None,
+    *,
+    polarization: Polarization | None = None,
+    rays: int = 100_000,
+    seed: int = 1,
+    threads: int | None = None,
+    append: bool = False,
+    force: bool = False,
+    portion_rays: int = PORTION_RAYS // 4,
+) -> RecordResult:
+    """Trace a scene with polarised light and record every path; no map where ``path`` is None.
+
+    Parameters
+    ----------
+    scene : a scene file, a `Scene`, or a compilation
+    path : of the map
+    polarization : what is polarised; by default nothing but what interfaces do
+    rays, seed, threads, append, force, portion_rays : as in `tracer.record.record`
+
+    Raises
+    ------
+    SceneError, MapExists, SceneMismatch
+    """
+    compilation = _compiled(scene)
+    if rays < 1:
+        raise SceneError(f"rays must be at least 1, not {rays}")
+    options = polarization or Polarization()
+    engine = PolarizedWavefront(compilation, seed, options)
+    tally = Tally(compilation.directory, compilation.channel_set)
+    count = threads or os.cpu_count() or 1
+    writer = None if path is None else _writer(Path(path), compilation, append, force)
+    began = time.perf_counter()
+    try:
+        channel_set = writer.add_channel_set(compilation.channel_set) if writer else 0
+        first = writer.next_ray if writer else 0
+        if writer:
+            writer.start_run(seed=seed, parameters={"polarised": True, "states": options.states})
+        pending: deque[Future[Portion]] = deque()
+        starts = list(range(first, first + rays, portion_rays))
+        with ThreadPoolExecutor(count) as pool:
+            while starts or pending:
+                while starts and len(pending) < 2 * count:
+                    start = starts.pop(0)
+                    n = min(portion_rays, first + rays - start)
+                    pending.append(pool.submit(engine.trace, start, n))
+                portion = replace(pending.popleft().result(), channel_set=channel_set)
+                tally.add(portion)
+                if writer:
+                    writer.append(portion)
+        if writer:
+            for number in range(len(compilation.directory.detectors)):
+                sums, sums2 = tally.detector_sums(number)
+                writer.add_detector_result(number, sums, sums2, channel_set=channel_set)
+            writer.finish({"rays": tally.rays, "audit": tally.audit()})
+    except BaseException:
+        if writer:
+            writer.close()
+        raise
+    elapsed = time.perf_counter() - began
+    return RecordResult(
+        rays=tally.rays,
+        records=tally.records,
+        seconds=elapsed,
+        rays_per_second=tally.rays / elapsed if elapsed > 0.0 else 0.0,
+        bytes=writer.bytes_written if writer else 0,
+        threads=count,
+        seed=seed,
+        audit=tally.audit(),
+        absorbed_by=tally.absorbed_by(),
+        detectors={
+            item.name: tally.detector_sums(k)
+            for k, item in enumerate(compilation.directory.detectors)
+        },
+    )
+
+
+def _compiled(scene: str | Path | Scene | Compilation) -> Compilation:
+    if isinstance(scene, Compilation):
+        return scene
+    return compile_scene(scene if isinstance(scene, Scene) else load_scene(scene))
+
+
+def _writer(path: Path, compilation: Compilation, append: bool, force: bool) -> RayMapWriter:
+    if append and path.exists():
+        return RayMapWriter.append_to(path, compilation.directory)
+    if path.exists() and not force:
+        raise MapExists(
+            f"{str(path)!r} exists and stays as it is; continue it with append, write over it with "
+            "force, or choose another name"
+        )
+    return RayMapWriter.create(path, compilation.directory, meshes=compilation.meshes, force=force)
+
+
+def _direction(axis: Vector, name: str) -> NDArray[np.float64]:
+    vector = np.asarray(axis, np.float64)
+    length = float(np.linalg.norm(vector)) if vector.shape == (3,) else float("nan")
+    if not (np.isfinite(length) and length > 0.0):
+        raise SceneError(f"{name}: expected three numbers that are not all zero, got {axis!r}")
+    return np.asarray(vector / length)
+
+
+def _shortened(portion: Portion, kept: NDArray[np.int32]) -> Portion:
+    """The portion with only the first ``kept`` records of every ray."""
+    counts = portion.records_per_ray
+    if np.array_equal(kept, counts):
+        return portion
+    place = np.arange(portion.n_records) - np.repeat(np.cumsum(counts) - counts, counts)
+    stays = place < np.repeat(kept, counts)
+    ends = place == np.repeat(kept, counts) - 1
+    # The segment that would start at the last record is gone, and its meetings with it
+    meetings = np.where(ends, 0, portion.descriptor_count).astype(np.uint16)
+    found = np.repeat(stays & ~ends, portion.descriptor_count)
+    d = portion.descriptors
+    columns: dict[str, Any] = {
+        name: getattr(portion, name)[stays]
+        for name in (
+            "position", "normal", "object", "triangle", "event", "medium", "color_code",
+        )
+    }  # fmt: skip
+    return replace(
+        portion,
+        records_per_ray=kept.copy(),
+        **columns,
+        descriptor_count=meetings[stays],
+        descriptors=Descriptors(
+            detector=d.detector[found],
+            cell=d.cell[found],
+            cosine=d.cosine[found],
+            uv=d.uv[found],
+            registered=d.registered[found],
+        ),
+        extra={name: column[stays] for name, column in portion.extra.items()},
+    )
