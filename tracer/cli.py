@@ -1,4 +1,4 @@
-"""Commands of this package: record, check."""
+"""Commands of this package: record, check, and those of the studies."""
 
 from __future__ import annotations
 
@@ -22,8 +22,12 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.
 
 def register(app: typer.Typer) -> None:
     """Hang the commands of this package on the application."""
+    from tracer.studies import cli_polarization, crystal_cli
+
     app.command("record")(record)
     app.command("check")(check)
+    cli_polarization.register(app)
+    crystal_cli.register(app)
 
 
 def record(
