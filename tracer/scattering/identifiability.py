@@ -1,0 +1,171 @@
+"""What measured plates tell about (m, p, g, gamma), and what they do not.
+
+R and T depend on m and g nearly through mu_s' = (1 - <cos theta>) / m alone. So the likelihood has
+a long valley along g; across it everything is close to linear. The profile walks along the valley,
+refits mu_s' and p at each g, and reads all intervals from there: where the smallest sum of squares
+rises by 1.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tracer.scattering.fit_exact import WavelengthFit, conditional_fit
+from tracer.scattering.medium import ScatteringMedium
+from tracer.scattering.problem import BOUNDS, WavelengthProblem, medium_of, parameters_of
+
+__all__ = ["Interval", "Profile", "Sensitivity", "profile_along_g", "sensitivity"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensitivity:
+    """Singular values of d ln(R, T) / d(ln m, ln p, g) at a medium.
+
+    Attributes
+    ----------
+    singular_values : (3,) falling
+    directions : (3, 3) rows: unit combinations of (ln m, ln p, g)
+    """
+
+    singular_values: Array
+    directions: Array
+
+
+def sensitivity(problem: WavelengthProblem, medium: ScatteringMedium) -> Sensitivity:
+    """Which combinations of (ln m, ln p, g) move R and T, and how much."""
+    step = 1e-4
+    base = np.array([math.log(medium.mean_free_path_mm), math.log(medium.absorption_per_mm)])
+    used = problem.used
+
+    def logs(shift: Array) -> Array:
+        moved = ScatteringMedium(
+            mean_free_path_mm=math.exp(base[0] + shift[0]),
+            absorption_per_mm=math.exp(base[1] + shift[1]),
+            g=medium.g + shift[2],
+            gamma=medium.gamma,
+            index=medium.index,
+        )
+        return np.asarray(np.log(problem.predict(moved)[0][used]))
+
+    columns = [(logs(step * axis) - logs(-step * axis)) / (2.0 * step) for axis in np.eye(3)]
+    _, values, directions = np.linalg.svd(np.stack(columns, axis=1), full_matrices=False)
+    return Sensitivity(
+        singular_values=np.asarray(values, np.float64),
+        directions=np.asarray(directions, np.float64),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Interval:
+    """A 68 % interval; ``open_low`` and ``open_high``: it ends at a bound of the fit."""
+
+    low: float
+    high: float
+    open_low: bool = False
+    open_high: bool = False
+
+    def __contains__(self, value: float) -> bool:
+        return self.low <= value <= self.high
+
+
+@dataclass(frozen=True, kw_only=True)
+class Profile:
+    """Best fits along g and the intervals that follow.
+
+    Attributes
+    ----------
+    g : (n,) values held
+    chi2 : (n,) sums of squares, less the smallest of them
+    reduced_scattering, absorption, mean_free_path : (n,) best values there
+    intervals : of "reduced_scattering_per_mm", "absorption_per_mm", "mean_free_path_mm", "g"
+    """
+
+    g: Array
+    chi2: Array
+    reduced_scattering: Array
+    absorption: Array
+    mean_free_path: Array
+    intervals: dict[str, Interval]
+
+
+def profile_along_g(problem: WavelengthProblem, fit: WavelengthFit) -> Profile:
+    """Profile likelihood of a fit along g, and 68 % intervals of its parameters."""
+    gamma, index = fit.medium.gamma, fit.medium.index
+    low, high = math.atanh(BOUNDS.g_low), math.atanh(BOUNDS.g_high)
+    centre = math.atanh(fit.medium.g)
+    width = min(0.5, max(1e-3, math.sqrt(fit.covariance[2, 2])))
+    near = centre + width * np.array([-2.5, -1.5, -0.8, 0.0, 0.8, 1.5, 2.5])
+    held = np.unique(np.clip(np.concatenate((near, np.linspace(low, high, 8))), low, high))
+    # Walk from the best fit to both sides, each point starting from its neighbour
+    found: dict[float, tuple[float, Array, Array]] = {}
+    for side in (held[held >= centre], held[held < centre][::-1]):
+        start = parameters_of(fit.medium)[:2]
+        for t in side:
+            chi2, x, deviation = conditional_fit(problem, gamma, start, float(t))
+            medium = medium_of(np.append(x, t), gamma, index)
+            if abs(math.atanh(medium.g) - t) > 1e-6:
+                break  # m stands at its bound: no longer this g
+            found[float(t)] = (chi2, x, deviation)
+            start = x
+            if chi2 - fit.chi2 > 60.0:
+                break
+    ts: Array = np.array(sorted(found), np.float64)
+    sums: Array = np.array([found[t][0] for t in ts])
+    best: Array = np.array([found[t][1] for t in ts])
+    spread = np.array([found[t][2] for t in ts])
+    sums -= sums.min()
+    # Refine between the points, then profile each parameter
+    fine = np.unique(np.concatenate((ts, np.linspace(ts[0], ts[-1], 600))))
+    smooth = _interpolate(ts, np.column_stack([sums, best, spread]), fine)
+    chi2_fine = np.maximum(0.0, smooth[:, 0])
+    lost = np.array(
+        [math.log(1.0 - medium_of(np.array([0.0, 0.0, t]), gamma, index).mean_cosine) for t in fine]
+    )
+    centres = {
+        "reduced_scattering_per_mm": (smooth[:, 1], smooth[:, 3]),
+        "absorption_per_mm": (smooth[:, 2], smooth[:, 4]),
+        "mean_free_path_mm": (lost - smooth[:, 1], smooth[:, 3]),
+    }
+    intervals = {
+        name: _interval_of(middle, sd, chi2_fine) for name, (middle, sd) in centres.items()
+    }
+    inside = fine[chi2_fine <= 1.0]
+    intervals["g"] = Interval(
+        low=math.tanh(inside[0]),
+        high=math.tanh(inside[-1]),
+        open_low=bool(inside[0] <= ts[0] + 1e-9),
+        open_high=bool(inside[-1] >= ts[-1] - 1e-9),
+    )
+    lost_points = np.interp(ts, fine, lost)
+    return Profile(
+        g=np.tanh(ts),
+        chi2=sums,
+        reduced_scattering=np.exp(best[:, 0]),
+        absorption=np.exp(best[:, 1]),
+        mean_free_path=np.exp(lost_points - best[:, 0]),
+        intervals=intervals,
+    )
+
+
+def _interval_of(middle: Array, deviation: Array, chi2: Array) -> Interval:
+    """Ends of where min over g of chi2 + ((x - middle) / deviation)² stays below 1."""
+    inside = chi2 <= 1.0
+    reach = deviation[inside] * np.sqrt(1.0 - chi2[inside])
+    return Interval(
+        low=float(np.exp((middle[inside] - reach).min())),
+        high=float(np.exp((middle[inside] + reach).max())),
+    )
+
+
+def _interpolate(x: Array, columns: Array, fine: Array) -> Array:
+    if x.size < 3:
+        return np.column_stack([np.interp(fine, x, column) for column in columns.T])
+    from scipy.interpolate import PchipInterpolator
+
+    return np.asarray(PchipInterpolator(x, columns, axis=0)(fine))
