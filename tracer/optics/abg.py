@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from raymap.errors import SceneError
-from raymap.kernels import kernel
+from raymap.kernels import lean_kernel
 
 __all__ = [
     "abg",
@@ -46,7 +46,7 @@ _HEAD = 4  # smallest rho, logarithmic step, whole integral to rho = 2, value be
 _SIZE = _HEAD + 2 * _NODES + _ANGLES
 
 
-@kernel
+@lean_kernel
 def eval_radial(table: F64, first: int, rho: float) -> float:
     """BSDF [1/sr] at the distance ``rho`` of the direction cosines from the specular ray."""
     if rho <= table[first]:
@@ -60,7 +60,7 @@ def eval_radial(table: F64, first: int, rho: float) -> float:
     return math.exp(a + (x - low) * (b - a))
 
 
-@kernel
+@lean_kernel
 def _sample_rho(table: F64, first: int, u: float) -> float:
     """Distance from the specular ray with density proportional to f(rho) rho, up to rho = 2."""
     cumulative = first + _HEAD + _NODES
@@ -85,7 +85,7 @@ def _sample_rho(table: F64, first: int, u: float) -> float:
     return float(left * math.exp(math.log1p(share * math.expm1(growth)) / (fall + 2.0)))
 
 
-@kernel
+@lean_kernel
 def scatter_share(table: F64, first: int, beta: float) -> float:
     """Total integrated scatter TIS for a specular ray whose projection has length ``beta``."""
     x = min(1.0, max(0.0, beta)) * (_ANGLES - 1)
@@ -94,7 +94,7 @@ def scatter_share(table: F64, first: int, beta: float) -> float:
     return float(table[k] + (x - low) * (table[k + 1] - table[k]))
 
 
-@kernel
+@lean_kernel
 def sample_radial(
     table: F64, first: int, beta_x: float, beta_y: float, u1: float, u2: float
 ) -> tuple[float, float, float]:
@@ -124,7 +124,7 @@ def sample_radial(
     return beta_x, beta_y, math.sqrt(max(0.0, 1.0 - beta_x * beta_x - beta_y * beta_y))
 
 
-@kernel
+@lean_kernel
 def _again(a: float, b: float) -> float:
     """A further uniform number from two, by SplitMix64's mixing of their digits."""
     word = np.uint64(a * 9007199254740992.0) * np.uint64(0x9E3779B97F4A7C15)
@@ -135,7 +135,7 @@ def _again(a: float, b: float) -> float:
     return (word >> np.uint64(11)) * (1.0 / 9007199254740992.0)
 
 
-@kernel
+@lean_kernel
 def pdf_radial(
     table: F64, first: int, beta_x: float, beta_y: float, x: float, y: float, z: float
 ) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from raymap.errors import SceneError
-from raymap.kernels import kernel
+from raymap.kernels import lean_kernel
 
 __all__ = [
     "check_energy",
@@ -35,7 +35,7 @@ F64 = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 
-@kernel
+@lean_kernel
 def sample_lambert(u1: float, u2: float, side: float) -> Vector:
     """A direction with density cos / pi; ``side`` = 1 reflected, -1 transmitted."""
     radius = math.sqrt(u1)
@@ -44,19 +44,19 @@ def sample_lambert(u1: float, u2: float, side: float) -> Vector:
     return x, y, side * math.sqrt(max(0.0, 1.0 - u1))
 
 
-@kernel
+@lean_kernel
 def eval_lambert(albedo: float) -> float:
     """BSDF of an ideal diffuser that scatters the share ``albedo`` to this side [1/sr]."""
     return albedo / math.pi
 
 
-@kernel
+@lean_kernel
 def pdf_lambert(wo_z: float, side: float) -> float:
     """Density of `sample_lambert` per solid angle."""
     return max(0.0, side * wo_z) / math.pi
 
 
-@kernel
+@lean_kernel
 def sample_retro(
     wi_x: float, wi_y: float, wi_z: float, cos_spread: float, u1: float, u2: float
 ) -> Vector:
@@ -79,7 +79,7 @@ def sample_retro(
     return ox, oy, abs(oz)
 
 
-@kernel
+@lean_kernel
 def pdf_retro(
     wi_x: float, wi_y: float, wi_z: float, wo_x: float, wo_y: float, wo_z: float, cos_spread: float
 ) -> float:
@@ -94,7 +94,7 @@ def pdf_retro(
     return total
 
 
-@kernel
+@lean_kernel
 def filter_transmittance(normal: float, cos_i: float, n_i: float, n_filter: float) -> float:
     """Internal transmittance of a thin absorbing sheet at an angle.
 
@@ -120,7 +120,7 @@ _THETA_I, _THETA_O, _PHI, _PHI_SPAN = 0, 1, 2, 3
 _HEAD = 4
 
 
-@kernel
+@lean_kernel
 def _slice(table: F64, first: int, wi_z: float) -> tuple[int, float]:
     """Slice below an angle of incidence and the share of the slice above."""
     n = int(table[first + _THETA_I])
@@ -140,7 +140,7 @@ def _slice(table: F64, first: int, wi_z: float) -> tuple[int, float]:
     return low, (theta - table[at + low]) / (table[at + low + 1] - table[at + low])
 
 
-@kernel
+@lean_kernel
 def tabulated_share(table: F64, first: int, wi_z: float) -> float:
     """Share of light that the table scatters at an angle of incidence."""
     n = int(table[first + _THETA_I])
@@ -151,7 +151,7 @@ def tabulated_share(table: F64, first: int, wi_z: float) -> float:
     return float((1.0 - weight) * table[at + low] + weight * table[at + low + 1])
 
 
-@kernel
+@lean_kernel
 def sample_tabulated(
     table: F64, first: int, wi_x: float, wi_y: float, wi_z: float, u1: float, u2: float, u3: float,
     side: float,
@@ -212,7 +212,7 @@ def sample_tabulated(
     return x * cx - y * cy, x * cy + y * cx, side * math.sqrt(max(0.0, 1.0 - square))
 
 
-@kernel
+@lean_kernel
 def eval_tabulated(
     table: F64, first: int, wi_x: float, wi_y: float, wi_z: float, wo_x: float, wo_y: float,
     wo_z: float, side: float,
@@ -245,7 +245,7 @@ def eval_tabulated(
     return float((1.0 - weight) * table[k] + weight * table[k + 2 * cells])
 
 
-@kernel
+@lean_kernel
 def pdf_tabulated(
     table: F64, first: int, wi_x: float, wi_y: float, wi_z: float, wo_x: float, wo_y: float,
     wo_z: float, side: float,

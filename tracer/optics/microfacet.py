@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.errors import SceneError
-from raymap.kernels import kernel
+from raymap.kernels import lean_kernel
 from tracer.optics.fresnel import fresnel_conductor, fresnel_reflectance
 
 __all__ = [
@@ -57,7 +57,7 @@ SMALLEST_ROUGHNESS = 1e-3
 """Smoother surfaces are traced as smooth."""
 
 
-@kernel
+@lean_kernel
 def ggx_distribution(alpha: float, cos_m: float) -> float:
     """Density of facets D(m) over the cosine of their tilt; ∫ D cos_m dω = 1."""
     if cos_m <= 0.0:
@@ -68,7 +68,7 @@ def ggx_distribution(alpha: float, cos_m: float) -> float:
     return a2 / (math.pi * x * x)
 
 
-@kernel
+@lean_kernel
 def ggx_masking(alpha: float, cosine: float) -> float:
     """Smith's G1: share of facets that a direction at this cosine sees unhidden."""
     c2 = cosine * cosine
@@ -77,7 +77,7 @@ def ggx_masking(alpha: float, cosine: float) -> float:
     return 2.0 / (1.0 + math.sqrt(1.0 + alpha * alpha * (1.0 - c2) / c2))
 
 
-@kernel
+@lean_kernel
 def sample_ggx_normal(
     wi_x: float, wi_y: float, wi_z: float, alpha: float, u1: float, u2: float
 ) -> Vector:
@@ -96,7 +96,7 @@ def sample_ggx_normal(
     return mx * scale, my * scale, mz * scale
 
 
-@kernel
+@lean_kernel
 def _sample_lobe(table: F64, first: int, u1: float, u2: float, sign: float) -> Vector:
     """A direction with density proportional to the losses of a table times the cosine."""
     # Find the interval of the cosine, then invert the cubic inside it
@@ -135,13 +135,13 @@ def _sample_lobe(table: F64, first: int, u1: float, u2: float, sign: float) -> V
     return sine * math.cos(phi), sine * math.sin(phi), sign * cosine
 
 
-@kernel
+@lean_kernel
 def _lobe_integral(a: float, b: float, left: float, t: float) -> float:
     """Integral of (a + b s) (left + s) for s from 0 to t."""
     return a * left * t + 0.5 * (a + b * left) * t * t + b * t * t * t / 3.0
 
 
-@kernel
+@lean_kernel
 def _loss(table: F64, first: int, cosine: float) -> float:
     """Loss at a cosine, linear between nodes."""
     x = min(1.0, max(0.0, cosine)) * (_NODES - 1)
@@ -149,7 +149,7 @@ def _loss(table: F64, first: int, cosine: float) -> float:
     return float(table[first + low] + (x - low) * (table[first + low + 1] - table[first + low]))
 
 
-@kernel
+@lean_kernel
 def sample_rough_conductor(
     table: F64, first: int, wi_x: float, wi_y: float, wi_z: float, alpha: float,
     u1: float, u2: float, u3: float, u4: float, u5: float,
@@ -179,7 +179,7 @@ def sample_rough_conductor(
     return x, y, z, -1.0
 
 
-@kernel
+@lean_kernel
 def eval_rough_conductor(
     table: F64, first: int, wi_x: float, wi_y: float, wi_z: float, wo_x: float, wo_y: float,
     wo_z: float, alpha: float,
@@ -206,7 +206,7 @@ def eval_rough_conductor(
     return single, multiple, cos_m
 
 
-@kernel
+@lean_kernel
 def pdf_rough_conductor(
     table: F64, first: int, wi_x: float, wi_y: float, wi_z: float, wo_x: float, wo_y: float,
     wo_z: float, alpha: float,
@@ -218,11 +218,11 @@ def pdf_rough_conductor(
     return (single + multiple) * max(0.0, wo_z)
 
 
-@kernel
+@lean_kernel
 def sample_rough_dielectric(
     table: F64, first: int, wi_x: float, wi_y: float, wi_z: float, alpha: float, n_i: float,
     n_o: float, u1: float, u2: float, u3: float, u4: float, u5: float,
-) -> Vector:  # fmt: skip
+) -> tuple[float, float, float, float]:  # fmt: skip
     """Reflect or refract at a rough interface; nothing is absorbed.
 
     Parameters
@@ -236,6 +236,7 @@ def sample_rough_dielectric(
     Returns
     -------
     wo_x, wo_y, wo_z : local direction; wo_z > 0 reflected, < 0 transmitted
+    cos_m : cosine at the facet, or -1 where the compensating lobe was taken
     """
     mx, my, mz = sample_ggx_normal(wi_x, wi_y, wi_z, alpha, u1, u2)
     cos_m = min(1.0, wi_x * mx + wi_y * my + wi_z * mz)
@@ -253,7 +254,7 @@ def sample_rough_dielectric(
         leaves = z < 0.0
     masking = ggx_masking(alpha, z) if leaves else 0.0
     if u3 < masking:
-        return x, y, z
+        return x, y, z, cos_m
     # Leave by the compensating lobe, on one of the sides
     u3 = (u3 - masking) / (1.0 - masking)
     x_index, weight = _index_node(n_i / n_o)
@@ -271,10 +272,11 @@ def sample_rough_dielectric(
     mean_high = weight * table[low + _LOBE + 2 * _NODES]
     if u3 * (mean_low + mean_high) >= mean_low:
         low += _LOBE
-    return _sample_lobe(table, low, u4, u5, sign)
+    x, y, z = _sample_lobe(table, low, u4, u5, sign)
+    return x, y, z, -1.0
 
 
-@kernel
+@lean_kernel
 def _index_node(ratio: float) -> tuple[int, float]:
     """Node below an index ratio in the table, and the share of the node above."""
     x = (math.log(ratio) + _LOG_RANGE) * (0.5 * (_INDICES - 1) / _LOG_RANGE)
@@ -283,21 +285,21 @@ def _index_node(ratio: float) -> tuple[int, float]:
     return low, x - low
 
 
-@kernel
+@lean_kernel
 def _between(table: F64, first: int, ratio: float, entry: int) -> float:
     low, weight = _index_node(ratio)
     k = first + low * _LOBE + entry
     return float((1.0 - weight) * table[k] + weight * table[k + _LOBE])
 
 
-@kernel
+@lean_kernel
 def _side_loss(table: F64, first: int, ratio: float, cosine: float) -> float:
     low, weight = _index_node(ratio)
     k = first + low * _LOBE
     return (1.0 - weight) * _loss(table, k, cosine) + weight * _loss(table, k + _LOBE, cosine)
 
 
-@kernel
+@lean_kernel
 def _compensation(table: F64, first: int, n_i: float, n_o: float) -> tuple[float, float]:
     """Shares of the compensating light that are reflected and transmitted; reciprocal."""
     mean_i = n_i * n_i * _between(table, first, n_i / n_o, 2 * _NODES)
@@ -311,7 +313,7 @@ def _compensation(table: F64, first: int, n_i: float, n_o: float) -> tuple[float
     return 1.0 - transmitted, transmitted
 
 
-@kernel
+@lean_kernel
 def eval_rough_dielectric(
     table: F64, first: int, wi_x: float, wi_y: float, wi_z: float, wo_x: float, wo_y: float,
     wo_z: float, alpha: float, n_i: float, n_o: float,
@@ -354,7 +356,7 @@ def eval_rough_dielectric(
     return single + through * loss_i * loss_o / (math.pi * mean)
 
 
-@kernel
+@lean_kernel
 def pdf_rough_dielectric(
     table: F64, first: int, wi_x: float, wi_y: float, wi_z: float, wo_x: float, wo_y: float,
     wo_z: float, alpha: float, n_i: float, n_o: float,
@@ -364,7 +366,7 @@ def pdf_rough_dielectric(
     return value * abs(wo_z)
 
 
-@kernel
+@lean_kernel
 def _loss_by_quadrature(alpha: float, cosine: float, ratio: float, steps: int) -> float:
     """Share of light whose first facet sends it into another; ratio 0 stands for a metal."""
     sine = math.sqrt(1.0 - cosine * cosine)
@@ -386,7 +388,7 @@ def _loss_by_quadrature(alpha: float, cosine: float, ratio: float, steps: int) -
     return max(0.0, 1.0 - kept / (steps * steps))
 
 
-@kernel
+@lean_kernel
 def _fill_lobe(table: F64, first: int, alpha: float, ratio: float, steps: int) -> None:
     """Losses over the cosine, their cumulative distribution and their mean."""
     step = 1.0 / (_NODES - 1)

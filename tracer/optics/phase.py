@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from raymap.errors import SceneError
-from raymap.kernels import kernel
+from raymap.kernels import lean_kernel
 
 __all__ = [
     "GENERALIZED",
@@ -65,14 +65,14 @@ PHASE_ROW = 5
 _FOUR_PI = 4.0 * math.pi
 
 
-@kernel
+@lean_kernel
 def eval_henyey_greenstein(g: float, mu: float) -> float:
     """Henyey–Greenstein density [1/sr]; ``g`` in -1 .. 1 is the mean cosine."""
     denominator = 1.0 + g * g - 2.0 * g * mu
     return (1.0 - g * g) / (_FOUR_PI * denominator * math.sqrt(denominator))
 
 
-@kernel
+@lean_kernel
 def sample_henyey_greenstein(g: float, u: float) -> float:
     """Cosine drawn from Henyey–Greenstein; without a division by g, so that g -> 0 is exact."""
     s = 2.0 * u - 1.0
@@ -81,7 +81,7 @@ def sample_henyey_greenstein(g: float, u: float) -> float:
     return min(1.0, max(-1.0, top / (bottom * bottom)))
 
 
-@kernel
+@lean_kernel
 def eval_generalized(g: float, gamma: float, mu: float) -> float:
     """Density A / (1 + g² - 2 g mu)^gamma [1/sr], for every real gamma.
 
@@ -106,7 +106,7 @@ def eval_generalized(g: float, gamma: float, mu: float) -> float:
     return float(g * a * ratio**a / (math.pi * math.expm1(a * spread) * denominator))
 
 
-@kernel
+@lean_kernel
 def sample_generalized(g: float, gamma: float, u: float) -> float:
     """Cosine drawn from `eval_generalized` by the closed inverse of its distribution."""
     if abs(g) < 1e-100:
@@ -131,13 +131,13 @@ def sample_generalized(g: float, gamma: float, u: float) -> float:
     return -mu if backward else mu
 
 
-@kernel
+@lean_kernel
 def eval_rayleigh(mu: float) -> float:
     """Rayleigh density for unpolarised light, 3 (1 + mu²) / 16 pi [1/sr]."""
     return 3.0 * (1.0 + mu * mu) / (4.0 * _FOUR_PI)
 
 
-@kernel
+@lean_kernel
 def sample_rayleigh(u: float) -> float:
     """Cosine drawn from `eval_rayleigh`: the real root of mu³ + 3 mu = 8 u - 4."""
     c = 4.0 * u - 2.0
@@ -145,7 +145,7 @@ def sample_rayleigh(u: float) -> float:
     return min(1.0, max(-1.0, math.copysign(root - 1.0 / root, c)))
 
 
-@kernel
+@lean_kernel
 def eval_tabulated_phase(tables: NDArray[np.float64], first: int, count: int, mu: float) -> float:
     """Density [1/sr], linear in mu between the rows of a table of `tabulated_phase`."""
     low = _interval(tables, first, count, mu)
@@ -155,7 +155,7 @@ def eval_tabulated_phase(tables: NDArray[np.float64], first: int, count: int, mu
     return float(p_0 + (p_1 - p_0) * min(1.0, max(0.0, share)))
 
 
-@kernel
+@lean_kernel
 def sample_tabulated_phase(tables: NDArray[np.float64], first: int, count: int, u: float) -> float:
     """Cosine drawn from `eval_tabulated_phase`."""
     # Find the interval, then invert the quadratic inside it
@@ -171,7 +171,7 @@ def sample_tabulated_phase(tables: NDArray[np.float64], first: int, count: int, 
     return float(mu_0 + (mu_1 - mu_0) * min(1.0, max(0.0, share)))
 
 
-@kernel
+@lean_kernel
 def _interval(table: NDArray[np.float64], first: int, count: int, value: float) -> int:
     """Largest i <= count - 2 with table[first + i] <= value."""
     low, high = 0, count - 1
@@ -184,7 +184,7 @@ def _interval(table: NDArray[np.float64], first: int, count: int, value: float) 
     return low
 
 
-@kernel
+@lean_kernel
 def sample_phase(row: NDArray[np.float64], tables: NDArray[np.float64], u: float) -> float:
     """Cosine of the scattering angle drawn from the phase function of a parameter row."""
     kind = int(row[0])
@@ -199,7 +199,7 @@ def sample_phase(row: NDArray[np.float64], tables: NDArray[np.float64], u: float
     return 2.0 * u - 1.0
 
 
-@kernel
+@lean_kernel
 def eval_phase(row: NDArray[np.float64], tables: NDArray[np.float64], mu: float) -> float:
     """Phase function of a parameter row [1/sr]."""
     kind = int(row[0])
@@ -214,13 +214,13 @@ def eval_phase(row: NDArray[np.float64], tables: NDArray[np.float64], mu: float)
     return 1.0 / _FOUR_PI
 
 
-@kernel
+@lean_kernel
 def pdf_phase(row: NDArray[np.float64], tables: NDArray[np.float64], mu: float) -> float:
     """Density per solid angle of `sample_phase` with a uniform azimuth: `eval_phase` itself."""
     return eval_phase(row, tables, mu)
 
 
-@kernel
+@lean_kernel
 def scattered_direction(
     dx: float, dy: float, dz: float, mu: float, u: float
 ) -> tuple[float, float, float]:

@@ -34,7 +34,7 @@ def incident(angle_deg: float, azimuth_deg: float = 0.0) -> tuple[float, float, 
 def _draw_dielectric(table, wi, alpha, n_i, n_o, u):  # type: ignore[no-untyped-def]
     out = np.empty((len(u), 3))
     for k in range(len(u)):
-        out[k] = mf.sample_rough_dielectric(
+        out[k, 0], out[k, 1], out[k, 2], _ = mf.sample_rough_dielectric(
             table, 7, wi[0], wi[1], wi[2], alpha, n_i, n_o,
             u[k, 0], u[k, 1], u[k, 2], u[k, 3], u[k, 4],
         )  # fmt: skip
