@@ -8,8 +8,7 @@ import numpy as np
 
 from raymap.colorimetry import channel_display_rgb, encode_srgb
 from tracer.crystals.media import biaxial, calcite
-from tracer.lens import Lens
-from tracer.lens.glasses import GLASSES
+from tracer.lens import Glass, Lens
 from tracer.studies.cone import axial_cone, masked_cone
 from tracer.studies.lens_beams import parallel_beam
 from tracer.studies.lens_pictures import LensCamera, lens_picture
@@ -34,7 +33,7 @@ LENS = Lens(
     radius_back=-50.0,
     thickness=6.0,
     semi_aperture_front=12.5,
-    glass=GLASSES["N-BK7"],
+    glass=Glass.named("N-BK7"),
 )
 
 
@@ -90,7 +89,7 @@ def lens_pictures() -> None:
         radius_back=-50.0,
         thickness=9.0,
         semi_aperture_front=16.0,
-        glass=GLASSES["N-SF11"],
+        glass=Glass.named("N-SF11"),
     )
     camera = LensCamera(eye=(0.0, 0.0, -70.0), half_angle_deg=15.0, pixels=300)
     spectral = lens_picture(lens, camera=camera)

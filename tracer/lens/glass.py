@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -11,9 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tracer.lens.errors import LensError
-from tracer.optics.dispersion import Dispersion, OutOfRangeWarning, constant
+from tracer.optics.absorption import absorption_from_transmittance
+from tracer.optics.dispersion import Dispersion, constant
+from tracer.optics.glasses import find_glass
 
-__all__ = ["AIR", "Glass", "internal_absorption"]
+__all__ = ["AIR", "Glass"]
 
 Real = NDArray[np.float64]
 
@@ -82,36 +83,30 @@ class Glass:
         if not self.transmittance:
             return np.zeros_like(wavelengths)
         table = np.array(self.transmittance, np.float64)
-        outside = (wavelengths < table[0, 0]) | (wavelengths > table[-1, 0])
-        if np.any(outside):
-            example = float(np.atleast_1d(wavelengths)[np.atleast_1d(outside)][0])
-            warnings.warn(
-                f"{self.name}: transmittance asked for at {example:g} nm, its table covers "
-                f"{table[0, 0]:g} to {table[-1, 0]:g} nm; the end value is used",
-                OutOfRangeWarning,
-                stacklevel=2,
-            )
-        return internal_absorption(
-            wavelengths, table[:, 0], table[:, 1], self.transmittance_length_mm
+        return absorption_from_transmittance(
+            wavelengths, table[:, 0], table[:, 1], self.transmittance_length_mm, name=self.name
         )
 
+    @classmethod
+    def named(cls, name: str) -> Glass:
+        """A glass of the catalogues, e.g. "N-BK7".
 
-def internal_absorption(
-    wavelength_nm: ArrayLike, table_nm: ArrayLike, transmittance: ArrayLike, length_mm: float
-) -> Real:
-    """Absorption coefficient [1/mm] from internal transmittances of a thickness.
+        Raises
+        ------
+        SceneError
+            no catalogue has it
+        """
+        found = find_glass(name)
+        pairs = zip(found.transmittance_nm.tolist(), found.transmittance.tolist(), strict=True)
+        return cls(dispersion=found.dispersion, transmittance=tuple(pairs))
 
-    The logarithm of the transmittance is interpolated linearly in wavelength; between a value and
-    an entry 0 (opaque) the glass is opaque.
-    """
-    values = np.asarray(transmittance, np.float64)
-    table = np.asarray(table_nm, np.float64)
-    wavelengths = np.asarray(wavelength_nm, np.float64)
-    opaque = values <= 0.0
-    depth = -np.log(np.where(opaque, 1.0, values))
-    result: Real = np.interp(wavelengths, table, depth) / length_mm
-    shadow = np.interp(wavelengths, table, opaque.astype(np.float64))
-    return np.where(shadow > 0.0, np.inf, result)
+    @classmethod
+    def of(cls, text: str) -> Glass | float:
+        """A constant index from a number, or a glass by name."""
+        try:
+            return float(text)
+        except ValueError:
+            return cls.named(text)
 
 
 AIR = Glass(dispersion=constant(1.0, name="air"))

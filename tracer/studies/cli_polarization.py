@@ -23,7 +23,7 @@ Thickness = Annotated[float, typer.Option(help="Between the vertices [mm].")]
 Apertures = Annotated[
     tuple[float, float], typer.Option(help="Semi-apertures, front and back [mm].")
 ]
-GlassName = Annotated[str, typer.Option(help="N-BK7, N-SF11, fused silica, or a refractive index.")]
+GlassName = Annotated[str, typer.Option(help="A glass by name, or a refractive index.")]
 Wavelength = Annotated[float, typer.Option(help="Vacuum wavelength [nm].")]
 Depth = Annotated[int, typer.Option(help="Deepest level of the trees.")]
 Plot = Annotated[Path | None, typer.Option("-o", "--output", help="Write a plot.")]
@@ -45,8 +45,7 @@ def register(app: typer.Typer) -> None:
 def _lens(
     radii: tuple[float, float], thickness: float, apertures: tuple[float, float], glass: str
 ) -> Lens:
-    from tracer.lens import Lens
-    from tracer.lens.glasses import named_glass
+    from tracer.lens import Glass, Lens
 
     front, back = (radius if radius != 0.0 else math.inf for radius in radii)
     return Lens(
@@ -55,7 +54,7 @@ def _lens(
         thickness=thickness,
         semi_aperture_front=apertures[0],
         semi_aperture_back=apertures[1],
-        glass=named_glass(glass),
+        glass=Glass.of(glass),
     )
 
 

@@ -7,16 +7,15 @@ import math
 import numpy as np
 import pytest
 
-from tracer.lens import Lens
-from tracer.lens.errors import LensError
-from tracer.lens.glasses import GLASSES, named_glass
+from raymap.errors import SceneError
+from tracer.lens import Glass, Lens
 from tracer.studies.lens_pictures import Board, LensCamera, lens_picture
 from tracer.studies.newton_rings import newton_rings
 
 CAMERA = LensCamera(eye=(0.0, 0.0, -70.0), half_angle_deg=15.0, pixels=24, samples=1)
 LENS = Lens(
     radius_front=50.0, radius_back=-50.0, thickness=9.0, semi_aperture_front=16.0,
-    glass=GLASSES["N-SF11"],
+    glass=Glass.named("N-SF11"),
 )  # fmt: skip
 
 
@@ -53,21 +52,15 @@ def test_fringes_are_spectral_and_the_analyser_shows_schlick_wrong() -> None:
 
 
 def test_glasses_by_name() -> None:
-    glass = named_glass("N-SF11")
-    assert float(glass.index(587.5618)) == pytest.approx(1.78472, abs=1e-5)  # type: ignore[union-attr]
-    assert named_glass("1.7") == 1.7
-    with pytest.raises(LensError, match="glass"):
-        named_glass("N-BK8")
-
-
-@pytest.mark.peers
-@pytest.mark.filterwarnings("ignore")  # the peer reads its tables by a deprecated way of pandas
-@pytest.mark.parametrize("name", ["N-BK7", "N-SF11"])
-def test_glasses_against_opticalglass(name: str) -> None:
-    catalogue = pytest.importorskip("opticalglass.glassfactory")
-    peer = catalogue.create_glass(name, "Schott")
-    for line in (435.8, 546.1, 656.3):
-        assert float(GLASSES[name].index(line)) == pytest.approx(peer.rindex(line), abs=2e-6)
+    glass = Glass.of("N-SF11")
+    assert isinstance(glass, Glass)
+    assert float(glass.index(587.5618)) == pytest.approx(1.78472, abs=1e-5)
+    assert float(Glass.named("N-BK7").absorption(400.0)) == pytest.approx(
+        -math.log(0.9967) / 10.0, rel=0.02
+    )
+    assert Glass.of("1.7") == 1.7
+    with pytest.raises(SceneError, match="N-BK8"):
+        Glass.of("N-BK8")
 
 
 def test_newton_rings_by_both_rules() -> None:
