@@ -72,8 +72,7 @@ def read_portion(directory, channels, meta, streams):
     for name in ("object", "face", "event", "medium", "detector", "registered"):
         out[name] = streams[f"path.{name}"][meet if name[-2:] in ("or", "ed") else rows]
     faces = [f for o in directory.get("objects", []) for f in o.get("faces", [])]
-    explicit = iter(streams.get("triangle", ()))
-    out["triangle"] = np.full(n_records, -1, np.int64)
+    explicit, out["triangle"] = iter(streams.get("triangle", ())), np.full(n_records, -1)
     for i, f in enumerate(out["face"]):
         if out["object"][i] >= 0:
             several = f < 0 or faces[f].get("primitive_count", 1) > 1
