@@ -38,7 +38,7 @@ def test_fringes_are_spectral_and_the_analyser_shows_schlick_wrong() -> None:
     rgb = lens_picture(LENS, camera=CAMERA, depth=2, color="rgb")
     colorfulness = [np.abs(p - p.mean(axis=2, keepdims=True)).max() for p in (spectral, rgb)]
     assert colorfulness[0] > 0.1
-    assert colorfulness[1] < 1e-9
+    assert colorfulness[1] < 0.02  # the glass absorbs a little more blue
     exact, approximate = (
         lens_picture(LENS, camera=CAMERA, color="rgb", rules=rules, analyser_deg=0.0, depth=3)
         for rules in ("fresnel", "schlick")
@@ -56,7 +56,7 @@ def test_glasses_by_name() -> None:
     assert isinstance(glass, Glass)
     assert float(glass.index(587.5618)) == pytest.approx(1.78472, abs=1e-5)
     assert float(Glass.named("N-BK7").absorption(400.0)) == pytest.approx(
-        -math.log(0.9967) / 10.0, rel=0.02
+        -math.log(0.99679) / 10.0, rel=1e-6
     )
     assert Glass.of("1.7") == 1.7
     with pytest.raises(SceneError, match="N-BK8"):
