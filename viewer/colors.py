@@ -17,6 +17,9 @@ __all__ = ["Legend", "LegendEntry", "color_lines", "optical_length"]
 
 Rgb = NDArray[np.uint8]
 
+_CURVE = encode_srgb(np.linspace(0, 1, 4096)).astype(np.float32)
+"""The sRGB curve by 4096 steps: a look-up beats a power for a million segments."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class LegendEntry:
@@ -100,8 +103,8 @@ def _natural(rays: DrawnRays, dark: bool) -> Rgb:
     """Hue of the light of each segment; brightness only as far as the background needs it."""
     linear = np.clip(rays.rgb, 0, None)
     brightest = np.maximum(linear.max(axis=1, keepdims=True), 1e-9)
-    shown = encode_srgb(linear / brightest)
-    luma = shown @ np.array([0.2126, 0.7152, 0.0722])
+    shown = _CURVE[np.rint(linear / brightest * (len(_CURVE) - 1)).astype(np.int16)]
+    luma = shown @ np.array([0.2126, 0.7152, 0.0722], np.float32)
     if dark:
         # Deep blue vanishes on black: mix in white
         white = np.clip((0.36 - luma) / np.maximum(1 - luma, 1e-9), 0, 1)[:, None]

@@ -280,9 +280,13 @@ def pick_a_ray(page: Page, server: RunningServer) -> None:
     from viewer.camera import view_matrix
 
     matrix = view_matrix(session.camera(width, height), width, height, 1.0)
-    middle = shown.lines.segments[len(shown.lines) // 2].mean(axis=0)
-    x, y, _, w = matrix @ np.append(middle, 1.0)
-    page.tab.mouse.click(box["x"] + x / w, box["y"] + y / w)
+    middles = shown.lines.segments.mean(axis=1)
+    flat = np.c_[middles, np.ones(len(middles))] @ matrix.T
+    pixels = flat[:, :2] / flat[:, 3:]
+    # Away from the buttons and the legend on the picture
+    free = (pixels > [60, 120]) & (pixels < [width - 60, height - 250])
+    x, y = pixels[np.flatnonzero(free.all(axis=1))[0]]
+    page.tab.mouse.click(box["x"] + x, box["y"] + y)
 
 
 def test_a_ray_is_picked_and_reported(page: Page, server: RunningServer) -> None:
