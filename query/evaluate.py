@@ -235,6 +235,7 @@ def _then(context: Context, node: b.BoundThen) -> Pair:
         for arg in node.args
     ]
     begins = np.concatenate(([0], np.cumsum([len(pair.certain) for pair in pairs])))[:-1]
+    meeting_offsets = context.meeting_offsets if is_detector.any() else np.empty(0, np.int64)
 
     def run(masks: list[Bools]) -> Bools:
         return match_sequence(
@@ -242,7 +243,7 @@ def _then(context: Context, node: b.BoundThen) -> Pair:
             is_detector,
             np.concatenate(masks),
             begins,
-            context.meeting_offsets,
+            meeting_offsets,
         )
 
     certain = run([pair.certain for pair in pairs])
@@ -260,8 +261,8 @@ def _path(context: Context, node: b.BoundPath) -> Pair:
             context.source,
             context.offsets,
             context.object,
-            context.face,
-            context.event,
+            context.face if machine.needs_faces else np.empty(0, np.int32),
+            context.event if machine.needs_events else np.empty(0, np.int32),
             np.empty(0, np.int32) if triangle is None else triangle,
             triangle_mode,
             context.meeting_offsets if machine.needs_detectors else np.empty(0, np.int64),
@@ -280,6 +281,8 @@ def _path(context: Context, node: b.BoundPath) -> Pair:
             machine.last,
             machine.exact,
             machine.needs_detectors,
+            machine.needs_faces,
+            machine.needs_events,
             PRINCIPAL,
         )
 

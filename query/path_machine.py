@@ -65,6 +65,14 @@ class PathMachine:
         return bool((self.triangle >= 0).any())
 
     @property
+    def needs_faces(self) -> bool:
+        return bool(self.faces.any())
+
+    @property
+    def needs_events(self) -> bool:
+        return self.exact or bool(self.event_masks.any())
+
+    @property
     def needs_detectors(self) -> bool:
         return self.exact or bool((self.kind == _KINDS["detector"]).any())
 

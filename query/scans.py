@@ -20,6 +20,7 @@ __all__ = [
     "mark_events",
     "match_path",
     "match_sequence",
+    "number_rays",
     "ray_offsets",
 ]
 
@@ -106,6 +107,20 @@ def expand_rows(starts: Ints, offsets: Ints) -> NDArray[np.int64]:
         for row in range(begin, offsets[run + 1]):
             out[row] = start + row - begin
     return out
+
+
+@kernel
+def number_rays(bits: NDArray[np.uint8], first: int, out: NDArray[np.int64]) -> None:
+    """Numbers, from ``first``, of the rays whose bit is set; bits as `np.packbits` has them."""
+    place = 0
+    for byte in range(len(bits)):
+        value = bits[byte]
+        if value == 0:
+            continue
+        for bit in range(8):
+            if value & (128 >> bit):
+                out[place] = first + byte * 8 + bit
+                place += 1
 
 
 @kernel
@@ -212,13 +227,16 @@ def match_path(
     last: NDArray[np.uint64],
     exact: bool,
     needs_detectors: bool,
+    needs_faces: bool,
+    needs_events: bool,
     principal: int,
 ) -> Bools:
     """Run a position automaton over the itinerary of every ray.
 
     ``triangle_mode``: 0 primitives are unknown and taken not to fit, 1 unknown and taken to fit,
-    2 compared. Loose expressions skip registrations that they do not name and may name those of
-    one segment in any order; exact ones name all of them in their order.
+    2 compared. Columns that are not needed may be empty. Loose expressions skip registrations that
+    they do not name and may name those of one segment in any order; exact ones name all of them in
+    their order.
     """
     n_words = len(first)
     out = np.zeros(len(offsets) - 1, np.bool_)
@@ -255,13 +273,18 @@ def match_path(
                                 fits = sources[q, source[ray]]
                             elif object_[row] >= 0:
                                 fits = objects[q, object_[row]]
-                                if not fits and face[row] >= 0 and faces[q, face[row]]:
+                                if (
+                                    not fits
+                                    and needs_faces
+                                    and face[row] >= 0
+                                    and faces[q, face[row]]
+                                ):
                                     fits = (
                                         triangles[q] < 0
                                         or triangle_mode == 1
                                         or (triangle_mode == 2 and triangle[row] == triangles[q])
                                     )
-                            if fits:
+                            if fits and needs_events:
                                 fits = _events_fit(event[row], event_masks[q], exact, principal)
                         if fits:
                             states[word] |= one << np.uint64(place)

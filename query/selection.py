@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from query.bound import BoundNode
 from query.scan import Scan
+from query.scans import number_rays
 from query.tally import Estimate, Tally, estimate
 from raymap.portion import Portion
 from raymap.rows import take_rays
@@ -150,18 +151,22 @@ class Selection:
     def ray_ids(self) -> NDArray[np.int64]:
         """(matched,) increasing ray numbers."""
         scan = self._with_rays
-        counts = {
-            index: int(np.bitwise_count(masks[self._number]).sum())
-            for index, masks in scan.masks.items()
-        }
-        ids = np.empty(sum(counts.values()), np.int64)
-        begin = 0
-        for index, rays in self.parts():
-            portion = self.map.portions[index]
-            ids[begin : begin + len(rays)] = portion.ray_ids()[rays]
-            begin += len(rays)
+        bits = {index: masks[self._number] for index, masks in scan.masks.items()}
+        ends = np.cumsum([int(np.bitwise_count(mask).sum()) for mask in bits.values()])
+        ids = np.empty(int(ends[-1]) if len(ends) else 0, np.int64)
+        begin, reached, in_order = 0, -1, True
+        for (index, mask), end in zip(bits.items(), ends.tolist(), strict=True):
+            part, portion = ids[begin:end], self.map.portions[index]
+            if not len(part):
+                continue
+            if portion.last_ray - portion.first_ray + 1 == portion.n_rays:
+                number_rays(mask, portion.first_ray, part)
+            else:
+                part[:] = portion.ray_ids()[scan.rays_of(index, self._number)]
+            in_order &= int(part[0]) > reached
+            begin, reached = end, int(part[-1])
         # Shards may interleave their numbers.
-        if len(ids) and (np.diff(ids) < 0).any():
+        if not in_order:
             ids.sort()
         return ids
 

@@ -51,9 +51,22 @@ def test_the_maps_are_what_they_should_be() -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=35, deadline=None)
 @given(criterion=CRITERIA)
 def test_selects_what_the_oracle_selects(kind: str, criterion: Any) -> None:
+    ask(kind, criterion)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+@settings(max_examples=1000, deadline=None)
+@given(criterion=CRITERIA)
+def test_selects_what_the_oracle_selects_at_length(kind: str, criterion: Any) -> None:
+    ask(kind, criterion)
+
+
+def ask(kind: str, criterion: Any) -> None:
+    """Every way to the answer against the oracle."""
     map, (oracle, rays) = _MAPS[kind], _ORACLES[kind]
     expected = [ray.id for ray in rays if oracle.ray(criterion, ray)]
     chosen = select(map, criterion, threads=1)
@@ -69,7 +82,7 @@ def test_selects_what_the_oracle_selects(kind: str, criterion: Any) -> None:
     assert few.ray_ids.tolist() == expected[:3]
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(criterion=CRITERIA)
 def test_text_and_json_give_the_same_tree(criterion: Any) -> None:
     assert parse(str(criterion)) == criterion
