@@ -58,7 +58,8 @@ class WavelengthFit:
     objective : the published objective
     bounds : bounds at which the fit stands, in words
     evaluations : of the model
-    measured, predicted : (2 n,) R rows, then T rows
+    measured, measured_error, predicted : (2 n,) R rows, then T rows; errors are relative
+    thickness_mm, incidence_deg : (n,) of the rows
     section : BTDF of the thinnest plate at the measured angles, if it took part
     """
 
@@ -72,7 +73,10 @@ class WavelengthFit:
     bounds: tuple[str, ...]
     evaluations: int
     measured: Array
+    measured_error: Array
     predicted: Array
+    thickness_mm: Array
+    incidence_deg: Array
     section: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
@@ -171,6 +175,9 @@ def fit_wavelength(
         bounds=bounds_hit(medium) if g is None else (),
         evaluations=int(counts[0]),
         measured=problem.measured,
+        measured_error=problem.errors,
+        thickness_mm=problem.flux.thickness_mm,
+        incidence_deg=problem.flux.incidence_deg,
         predicted=flux,
         section=section,
     )
