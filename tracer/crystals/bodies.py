@@ -272,7 +272,7 @@ def compile_bodies(
     planes, starts, roots = [np.zeros((0, 4))], [0], []
     boxes: list[Real] = [np.zeros((0, 6))]
     links: list[NDArray[np.int64]] = [np.zeros((0, 2), np.int64)]
-    triangles: list[Real] = [np.zeros((0, 12))]
+    triangles: list[Real] = [np.zeros((0, 13))]
     node_count = triangle_count = 0
     for body in bodies:
         planes.append(body.planes)

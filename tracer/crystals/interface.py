@@ -332,7 +332,8 @@ def interface_event(
         ex = q * hy / medium_1[EPS_ORDINARY]
     incident_flux: float = 2.0 * (ex.conjugate() * hy - ey.conjugate() * hx).real
     size = (ex * ex.conjugate() + hy * hy.conjugate() + ey * ey.conjugate()).real
-    grazing = incident_flux < 0.3 * (size + (hx * hx.conjugate()).real)
+    size += (hx * hx.conjugate()).real
+    grazing = incident_flux < 0.3 * size
     hint = q if grazing or medium_1[KIND] == ISOTROPIC else math.nan
 
     if medium_1[KIND] == ISOTROPIC:
@@ -429,7 +430,7 @@ def interface_event(
     # At grazing incidence the products behind a flux are rounded to 1e-16 of the wave, not of its
     # flux through the interface; that rounding is spread over the shares
     total = out[0, 12] + out[1, 12] + out[2, 12] + out[3, 12]
-    if grazing and abs(total - 1.0) < 1e-6:
+    if grazing and abs(total - 1.0) < max(1e-6, 1e-8 * size / incident_flux):
         for j in range(4):
             out[j, 12] /= total
     return incident_flux

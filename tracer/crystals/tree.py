@@ -21,7 +21,15 @@ from tracer.crystals.rows import ISOTROPIC, KIND
 from tracer.crystals.triangle_tree import first_triangle
 from tracer.crystals.waves import ray_absorption
 
-__all__ = ["EXIT", "NODE", "TreeScratch", "grow_tree", "next_boundary", "tree_scratch"]
+__all__ = [
+    "EXIT",
+    "NODE",
+    "TreeScratch",
+    "body_behind",
+    "grow_tree",
+    "next_boundary",
+    "tree_scratch",
+]
 
 Array = np.ndarray[Any, np.dtype[Any]]
 
@@ -109,13 +117,17 @@ def next_boundary(
     inside: int,
     left: int,
     stack: Array,
-) -> tuple[float, int, float, float, float]:
-    """Nearest boundary: distance, body, outward normal. From inside a body only its own counts.
+) -> tuple[float, int, float, float, float, int]:
+    """Nearest boundary: distance, body, outward normal, face of a convex body or triangle.
+
+    From inside a body only its own counts.
+
 
     ``left``: a convex body that the ray just left and cannot meet again.
     """
     best = np.inf
     body = -1
+    primitive = -1
     nx = ny = nz = 0.0
     first, last = (inside, inside + 1) if inside >= 0 else (0, bodies.tree_root.shape[0])
     for b in range(first, last):
@@ -132,6 +144,7 @@ def next_boundary(
             if k >= 0 and t < best:
                 best = t
                 body = b
+                primitive = k - start
                 nx, ny, nz = bodies.planes[k, 0], bodies.planes[k, 1], bodies.planes[k, 2]
         else:
             t, k = first_triangle(
@@ -152,14 +165,15 @@ def next_boundary(
             if k >= 0 and t < best:
                 best = t
                 body = b
+                primitive = int(bodies.triangles[k, 12])
                 nx = bodies.triangles[k, 9]
                 ny = bodies.triangles[k, 10]
                 nz = bodies.triangles[k, 11]
-    return best, body, nx, ny, nz
+    return best, body, nx, ny, nz, primitive
 
 
 @kernel
-def _contact(
+def body_behind(
     bodies: BodyArrays, own: int, x: float, y: float, z: float, nx: float, ny: float, nz: float
 ) -> int:
     """The convex body just behind a face, -1 for the world."""
@@ -265,7 +279,7 @@ def grow_tree(
         weight = node[_WEIGHT]
         open_weight -= weight
         body = int(node[_BODY])
-        t, met, nx, ny, nz = next_boundary(
+        t, met, nx, ny, nz, _ = next_boundary(
             bodies, node[0:3], node[6], node[7], node[8], body, int(node[_LEFT]), stack
         )
         if met < 0:
@@ -303,7 +317,7 @@ def grow_tree(
 
         # Find the media on both sides, with the normal along the ray
         if body >= 0:
-            behind = _contact(bodies, body, x, y, z, nx, ny, nz) if bodies.contacts else -1
+            behind = body_behind(bodies, body, x, y, z, nx, ny, nz) if bodies.contacts else -1
         else:
             behind = met
             nx, ny, nz = -nx, -ny, -nz
@@ -370,7 +384,7 @@ def grow_tree(
 
                 # Out into the world: gone, unless another boundary stands in the way
                 if target < 0:
-                    _, hit, _, _, _ = next_boundary(
+                    _, hit, _, _, _, _ = next_boundary(
                         bodies, row[0:3], row[6], row[7], row[8], -1, int(row[_LEFT]), stack
                     )
                     if hit < 0:

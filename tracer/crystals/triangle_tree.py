@@ -23,7 +23,8 @@ _LEAF = 4
 
 class TriangleTree(NamedTuple):
     """Boxes (n, 6) min and max; links (n, 2): (first triangle, count) of a leaf, (right child, 0)
-    of an inner node, whose left child follows it; triangles (m, 12): corner, two edges, normal."""
+    of an inner node, whose left child follows it; triangles (m, 13): corner, two edges, normal,
+    number in the mesh."""
 
     boxes: Real
     links: NDArray[np.int64]
@@ -57,13 +58,14 @@ def build_triangle_tree(vertices: Real, faces: NDArray[np.int64]) -> TriangleTre
         add(ranked[len(ranked) // 2 :])
 
     add(np.arange(len(faces)))
-    a, b, c = (corners[np.concatenate(order), i] for i in range(3))
+    ranks = np.concatenate(order)
+    a, b, c = (corners[ranks, i] for i in range(3))
     normals = np.cross(b - a, c - a)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     return TriangleTree(
         boxes=np.array(boxes),
         links=np.array(links, np.int64),
-        triangles=np.column_stack([a, b - a, c - a, normals]),
+        triangles=np.column_stack([a, b - a, c - a, normals, ranks]),
     )
 
 

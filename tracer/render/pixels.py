@@ -155,7 +155,7 @@ def render_rays(
         half = 0.5 if polarised else 1.0
 
         # A ray that meets no crystal sees a wall, at all wavelengths
-        _, met, _, _, _ = next_boundary(bodies, origin[i], dx, dy, dz, -1, -1, stack)
+        _, met, _, _, _, _ = next_boundary(bodies, origin[i], dx, dy, dz, -1, -1, stack)
         if met < 0:
             texel = wall_radiance(room, origin[i, 0], origin[i, 1], origin[i, 2], dx, dy, dz)
             for w in range(wavelengths_nm.shape[0]):

@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import importlib
 import sys
-import tomllib
 from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
 from raymap.errors import SceneError
+from tracer.crystals.load import parse_toml
 from tracer.crystals.local_model import LocalModel, raymap_model
 from tracer.render.load import load_render_text
 from tracer.render.renderer import RenderScene
@@ -74,14 +74,7 @@ def scene_text(name: str, folder: Path | None = None) -> str:
 
 
 def _description(kind: type[Description], name: str, folder: Path | None) -> Description:
-    try:
-        return kind.model_validate(tomllib.loads(scene_text(name, folder)))
-    except tomllib.TOMLDecodeError as error:
-        raise SceneError(f"{name}.toml: not TOML: {error}") from None
-    except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"])
-        raise SceneError(f"{name}.toml: {key}: {first['msg']}") from None
+    return parse_toml(kind, scene_text(name, folder), f"{name}.toml")
 
 
 def _render_scene(name: str, folder: Path | None) -> RenderScene:
