@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from query import select
 from query.context import PathContext
+from query.ghosts import GhostMatrix
+from query.ghosts import ghost_matrix as query_ghosts
 from query.images import detector_image as query_image
-from query.names import escape
 from query.path_text import PathNames, exact_criterion, path_text
 from query.ray_report import report
 from query.scan import default_threads
@@ -22,7 +23,7 @@ from query.selector import bind_all
 from query.tables import path_table as query_table
 from raymap.errors import DamagedPortion, RayMapError
 from viewer.gather import read_rays, thin
-from viewer.itinerary import headline, reflections
+from viewer.itinerary import headline
 from viewer.rays import DrawnRays
 
 if TYPE_CHECKING:
@@ -37,7 +38,6 @@ __all__ = [
     "draw_rays",
     "ghost_matrix",
     "join_criteria",
-    "pair_criterion",
     "path_labels",
     "path_of_ray",
     "path_table",
@@ -276,39 +276,7 @@ def _recorded_image(ray_map: RayMap, name: str) -> NDArray[np.float64] | None:
     return None if found is None else found[0].sum(axis=2) * per_ray[0]
 
 
-def ghost_matrix(
-    ray_map: RayMap, text: str, *, cancel: Cancel | None = None, most: int = 2000
-) -> tuple[list[str], list[str], NDArray[np.float64]] | None:
-    """Flux of the paths with exactly two reflections, by the faces that reflect first and second.
-
-    Returns
-    -------
-    first, second, flux : names of faces and the (n_first, n_second) matrix; None without such paths
-    """
-    table = query_table(ray_map, text or None, by="face", cancel=cancel).filter(reflections=2)
-    sums: dict[tuple[str, str], float] = {}
-    for row in table.rows(most):
-        pair = reflections(row.path) if row.criterion is not None else []
-        if len(pair) == 2:
-            key = (pair[0], pair[1])
-            sums[key] = sums.get(key, 0.0) + row.flux
-    if not sums:
-        return None
-    order = {name: number for number, name in enumerate(ray_map.directory.faces.names)}
-    first = sorted({pair[0] for pair in sums}, key=lambda name: order.get(name, -1))
-    second = sorted({pair[1] for pair in sums}, key=lambda name: order.get(name, -1))
-    matrix = np.zeros((len(first), len(second)))
-    for (one, two), flux in sums.items():
-        matrix[first.index(one), second.index(two)] = flux
-    return first, second, matrix
-
-
-def pair_criterion(first: str, second: str) -> str:
-    """Rays with two reflections, at these faces in this order."""
-    one, two = (f'hit("{_pattern(name)}", reflected)' for name in (first, second))
-    return f'count(hit("*", reflected)) == 2 & ({one} -> {two})'
-
-
-def _pattern(name: str) -> str:
-    """A full name of a face as a pattern that means only it."""
-    return ".".join(escape(part) for part in name.rsplit(".", 1)).replace('"', '\\"')
+def ghost_matrix(ray_map: RayMap, text: str, *, cancel: Cancel | None = None) -> GhostMatrix | None:
+    """Flux of two-reflection ghosts by the faces that reflect; None if there are none."""
+    matrix = query_ghosts(ray_map, None, text or None, cancel=cancel)
+    return matrix if len(matrix.faces) else None

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from raymap.errors import RayMapError
 from raymap.events import FAMILIES
-from viewer.answers import check_criterion, pair_criterion, path_of_ray
+from viewer.answers import check_criterion, path_of_ray
 from viewer.completion import complete
 from viewer.export import to_glb, to_vtp
 from viewer.falsecolor import COLORMAPS
@@ -656,11 +656,8 @@ class Application:
 
     async def choose_ghost(self, row: str, column: str) -> None:
         """A cell of the ghost matrix: select that pair of reflections."""
-        rows, columns = self.inquiry.ghost_names
-        if row == "" or column == "":
-            return
-        first, second = rows[int(row)], columns[int(column)]
-        await self.set_criterion(pair_criterion(first, second))
+        if row != "" and column != "":
+            await self.set_criterion(self.inquiry.pairs[int(row)][int(column)])
 
     # -- report --------------------------------------------------------------------------------
 

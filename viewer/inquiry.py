@@ -62,7 +62,7 @@ class Inquiry:
         self.session = session
         self.found: Selection | None = None
         self.table: list[dict[str, Any]] = []
-        self.ghost_names: tuple[list[str], list[str]] = ([], [])
+        self.pairs: list[list[str]] = []
         self.report: dict[str, Any] | None = None
         self.images: tuple[Image, Image | None] | None = None
         self.place: tuple[int, int] | None = None
@@ -179,10 +179,13 @@ class Inquiry:
         found = ghost_matrix(self.session.map, self.session.state.criterion, cancel=cancel)
         if found is None or cancel():
             return {"ghost_matrix": ""}
-        rows, columns, values = found
-        self.ghost_names = (rows, columns)
-        unit = self.session.map.directory.flux_unit
-        return {"ghost_matrix": heat_map(rows, columns, values, unit=unit)}
+        # Only faces that reflect first make rows, only faces that reflect second make columns
+        first = np.flatnonzero(found.flux.any(axis=1))
+        second = np.flatnonzero(found.flux.any(axis=0))
+        self.pairs = [[found.criterion(int(a), int(b)) for b in second] for a in first]
+        rows, columns = ([found.faces[k] for k in places] for places in (first, second))
+        values = found.flux[np.ix_(first, second)]
+        return {"ghost_matrix": heat_map(rows, columns, values, unit=found.flux_unit)}
 
     # -- detector ------------------------------------------------------------------------------
 

@@ -1,10 +1,10 @@
-"""Paths in words: a short headline of a long itinerary, and its reflections."""
+"""Paths in words: a short headline of a long itinerary."""
 
 from __future__ import annotations
 
 import re
 
-__all__ = ["headline", "reflections"]
+__all__ = ["headline"]
 
 _MIRRORED = ("specular_reflection", "tir")
 _REFLECTED = (*_MIRRORED, "diffuse_reflection", "glossy_reflection")
@@ -34,11 +34,6 @@ def _split(word: str) -> tuple[str, str, str]:
     if place is None:
         return word, "", ""
     return word[: place.start()], ":", word[place.end() :]
-
-
-def reflections(path: str) -> list[str]:
-    """Names of the faces (or objects) where the light was reflected, in order."""
-    return [name for name, events in _points(path) if set(events) & set(_REFLECTED)]
 
 
 def headline(path: str) -> str:

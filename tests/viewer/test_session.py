@@ -20,7 +20,6 @@ from viewer.answers import (
     draw_rays,
     ghost_matrix,
     join_criteria,
-    pair_criterion,
     path_of_ray,
     path_table,
     read_one,
@@ -89,14 +88,15 @@ def test_a_path_of_a_ray_selects_it(small_map: raymap.RayMap) -> None:
         assert all(read_one(small_map, int(other)).path == paths for other in found[:5])
 
 
-def test_the_ghost_matrix_adds_up(small_map: raymap.RayMap) -> None:
-    found = ghost_matrix(small_map, "")
+def test_the_ghost_matrix_leads_to_its_rays(session: Session) -> None:
+    inquiry = Inquiry(session)
+    session.update(criterion='detected("sensor")')
+    assert "svg" in inquiry.ghosts(never)["ghost_matrix"]
+    [[criterion]] = inquiry.pairs
+    found = ghost_matrix(session.map, 'detected("sensor")')
     assert found is not None
-    first, second, flux = found
-    assert (first, second) == (["L1.back"], ["L1.front"])
-    pair = count_rays(small_map, pair_criterion("L1.back", "L1.front"))
-    assert flux.sum() == pytest.approx(pair.flux)
-    assert ghost_matrix(small_map, 'hit("tube")') is None
+    assert count_rays(session.map, criterion).flux == pytest.approx(found.flux.sum())
+    assert ghost_matrix(session.map, 'hit("tube")') is None
 
 
 def test_detector_images_hold_the_flux(small_map: raymap.RayMap) -> None:

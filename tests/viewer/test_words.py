@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from viewer.falsecolor import COLORMAPS, apply_colormap, encode_srgb, wavelength_rgb
-from viewer.itinerary import headline, reflections
+from viewer.itinerary import headline
 from viewer.panel_paths import path_rows, sort_rows
 from viewer.plots import bars, heat_map, profile
 
@@ -36,11 +36,6 @@ from viewer.plots import bars, heat_map, profile
 )  # fmt: skip
 def test_headlines_say_what_distinguishes_a_path(path: str, words: str) -> None:
     assert headline(path) == words
-
-
-def test_reflections_are_named_in_order() -> None:
-    path = "s:emitted a:refracted b:specular_reflection a:tir c:refracted :left"
-    assert reflections(path) == ["b", "a"]
 
 
 def row(path: str, rays: int, flux: float) -> dict:
