@@ -39,6 +39,7 @@ __all__ = [
 
 Array = NDArray[np.float64]
 _STEP = 1e-5
+_SCANNED_SHAPES = np.array([-0.3, 0.1, 0.3, 0.5, 0.7, 0.85, 0.95])
 _SHAPE_SPREAD = 0.9
 """Prior standard deviation of atanh g: half of the range between the bounds."""
 
@@ -127,12 +128,13 @@ def fit_wavelength(
     g : hold g at this value
     wavelength_nm : noted in the result
     """
-    begin = start or starting_medium(problem, gamma)
-    x = parameters_of(begin)
+    x = parameters_of(start or starting_medium(problem, gamma))
     free = np.array([True, True, g is None])
-    if g is not None:
-        x[2] = math.atanh(g)
     x = np.clip(x, *_box())
+    if g is None:
+        x = _best_along_g(problem, gamma, x)
+    else:
+        x[2] = math.atanh(g)
     counts = np.zeros(1, np.int64)
     used = problem.used
     scale = np.sqrt(problem.weights[used]) / problem.errors[used]
@@ -253,6 +255,17 @@ def starting_medium(problem: WavelengthProblem, gamma: float) -> ScatteringMediu
                 best = (misfit, medium)
     assert best is not None
     return best[1]
+
+
+def _best_along_g(problem: WavelengthProblem, gamma: float, start: Array) -> Array:
+    """Start where a coarse scan along g is lowest: the valley can have two minima."""
+    best, lowest = start, math.inf
+    pair = start[:2]
+    for shape in np.arctanh(_SCANNED_SHAPES):
+        chi2, pair, _ = conditional_fit(problem, gamma, pair, float(shape))
+        if chi2 < lowest:
+            best, lowest = np.append(pair, shape), chi2
+    return best
 
 
 def _box() -> tuple[Array, Array]:

@@ -123,20 +123,24 @@ def plot_goniogram(light: Goniogram, path: Path, *, title: str = "") -> None:
     figure = plt.figure(figsize=(12, 5.2), layout="constrained")
     axis = figure.add_subplot(1, 2, 1, projection="polar")
     theta = np.radians(light.grid.theta_deg)
-    n_phi = light.grid.n_phi
-    back = n_phi // 2 if n_phi > 1 else 0
+    back = light.grid.n_phi // 2
     ahead = np.concatenate((-theta[::-1], theta))
+    bulk = []
     for values, sign, color, label in (
         (light.brdf, 1.0, _BLUE, "BRDF"),
         (light.btdf, -1.0, _ORANGE, "BTDF"),
     ):
-        radius = np.concatenate((values[::-1, back], values[:, 0]))
-        place = ahead if sign > 0 else np.pi - ahead
-        axis.plot(place, np.maximum(radius, 1e-5), color=color, label=label)
+        smooth = _smoothed(values)
+        radius = np.concatenate((smooth[::-1, back % smooth.shape[1]], smooth[:, 0]))
+        radius[radius <= 0.0] = np.nan
+        bulk.append(np.nanquantile(radius, 0.1))
+        axis.plot(ahead if sign > 0 else np.pi - ahead, radius, color=color, label=label)
     axis.set_theta_zero_location("N")
     axis.set_theta_direction(-1)
     axis.set_rscale("log")
-    axis.set_rlabel_position(90)
+    axis.set_rmin(0.1 * min(bulk))
+    axis.set_rlabel_position(100)
+    axis.tick_params(axis="y", labelsize=7)
     axis.annotate(
         "", xy=(-np.radians(light.incidence_deg), axis.get_rmin() * 3.0),
         xytext=(-np.radians(light.incidence_deg), axis.get_rmax()),
@@ -157,15 +161,24 @@ def plot_goniogram(light: Goniogram, path: Path, *, title: str = "") -> None:
     plt.close(figure)
 
 
+def _smoothed(values: Any) -> Any:
+    """Mean of each cell and its neighbours in azimuth; peaks that stand out are left alone."""
+    if values.shape[1] < 6:
+        return values
+    around = (np.roll(values, 1, axis=1) + values + np.roll(values, -1, axis=1)) / 3.0
+    ring = np.median(values, axis=1, keepdims=True)
+    peak = values > 3.0 * ring
+    beside = np.roll(peak, 1, axis=1) | np.roll(peak, -1, axis=1)
+    return np.where(peak | beside, values, around)
+
+
 def _lobes(axis: Any, light: Goniogram) -> None:
     """Radius = value^(1/2) x cosine of the scattered part; peaks are cut at 1.5 times the bulk."""
     theta = np.radians(np.concatenate(([0.0], light.grid.theta_deg, [90.0])))
     phi = np.radians(np.append(light.grid.phi_deg, 360.0))
     for values, sign, color in ((light.brdf, 1.0, _BLUE), (light.btdf, -1.0, _ORANGE)):
-        table = np.repeat(values, max(1, 2 - values.shape[1]), axis=1)
+        table = _smoothed(values)
         table = np.hstack((table, table[:, :1]))
-        if light.grid.n_phi == 1:
-            table = np.repeat(values, phi.size, axis=1)
         table = np.vstack((table[:1].mean(axis=1, keepdims=True).repeat(phi.size, 1), table,
                            np.zeros((1, phi.size))))  # fmt: skip
         radius = np.minimum(table, 1.5 * np.quantile(table, 0.97) + 1e-9)
