@@ -49,9 +49,10 @@ position = [0, 0, -50]
     found = first_order(scene)
     assert found.efl == pytest.approx(50.0, rel=5e-3)
     assert found.exit_pupil == 10.0
-    # 1/s' = 1/f + 1/s of the stop seen through the lens
-    assert found.entrance_pupil == pytest.approx(1.0 / (1.0 / 10.0 - 1.0 / 50.0), rel=0.03)
-    assert found.entrance_diameter == pytest.approx(4.0 * 12.5 / 10.0, rel=0.03)
+    # The stop seen through the lens, whose principal planes lie 0.2 inside its vertices
+    image = 1.0 / (1.0 / 9.6 - 1.0 / found.efl)
+    assert found.entrance_pupil == pytest.approx(0.2 + image, abs=2e-3)
+    assert found.entrance_diameter == pytest.approx(4.0 * image / 9.6, rel=1e-3)
 
 
 def test_check_reports_what_the_scene_holds() -> None:

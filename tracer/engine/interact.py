@@ -262,9 +262,9 @@ def interact(scene: CompiledScene, b: Buffers, follow: int) -> None:
                     body = top_body(beyond)
                     other = body_i[body, B_MEDIUM] if body >= 0 else world
                     happened, crosses, dx, dy, dz, code, state = meet_surface(
-                        surface_i, surface_f, medium_i, medium_f, face_i[face, F_SURFACE], medium,
-                        other, dx, dy, dz, nx, ny, nz, cosine, code, colors, counters, state,
-                        follow,
+                        surface_i, surface_f, medium_i, medium_f, tables, face_i[face, F_SURFACE],
+                        medium, other, dx, dy, dz, nx, ny, nz, cosine, code, colors, counters,
+                        state, follow,
                     )  # fmt: skip
                     event |= happened
                     if crosses:

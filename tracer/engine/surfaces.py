@@ -17,7 +17,9 @@ from tracer.engine.buffers import COLORS
 from tracer.engine.colors import mean_of, pick_channel, recolor
 from tracer.engine.directions import about, sample_cosine_cone
 from tracer.engine.random import advance, uniform
+from tracer.engine.scattering import Outcome, meet_scatterer, scatter_specular
 from tracer.geometry.kinds import F64, I64
+from tracer.optics.coatings import coating_share
 from tracer.optics.fresnel import fresnel_reflectance
 from tracer.scene.arrays import (
     ABSORBER,
@@ -25,13 +27,14 @@ from tracer.scene.arrays import (
     LAMBERTIAN,
     M_DISPERSIVE,
     S_KIND,
+    S_METAL,
     S_MODEL,
+    S_TABLE,
+    S_TRANSMITTED,
     SURFACE_ROW,
 )
 
 __all__ = ["meet_surface"]
-
-Outcome = tuple[int, bool, float, float, float, int, np.uint64]
 
 _ABSORBED = int(Event.SURFACE_ABSORPTION)
 _REFLECTED = int(Event.SPECULAR_REFLECTION)
@@ -40,12 +43,15 @@ _TIR = int(Event.TIR)
 _DIFFUSE_REFLECTION = int(Event.DIFFUSE_REFLECTION)
 _DIFFUSE_TRANSMISSION = int(Event.DIFFUSE_TRANSMISSION)
 _SELECT = int(Event.DISPERSIVE_SELECT)
+_GLOSSY_REFLECTION = int(Event.GLOSSY_REFLECTION)
+_GLOSSY_TRANSMISSION = int(Event.GLOSSY_TRANSMISSION)
+_SPECULAR = _REFLECTED | _REFRACTED | _TIR
 
 
 @inline_kernel
 def meet_surface(
-    surface_i: I64, surface_f: F64, medium_i: I64, medium_f: F64, surface: int, medium: int,
-    other: int, dx: float, dy: float, dz: float,
+    surface_i: I64, surface_f: F64, medium_i: I64, medium_f: F64, tables: F64, surface: int,
+    medium: int, other: int, dx: float, dy: float, dz: float,
     nx: float, ny: float, nz: float, cosine: float, code: int, colors: F64, counters: I64,
     state: np.uint64, follow: int,
 ) -> Outcome:  # fmt: skip
@@ -56,25 +62,36 @@ def meet_surface(
     cos_i = min(1.0, abs(cosine))
     kind = surface_i[surface, S_KIND]
     if kind == DIELECTRIC:
-        return _meet_dielectric(
-            surface_i, surface_f, medium_i, medium_f, surface, medium, other, dx, dy, dz, nx, ny,
-            nz, cos_i, code, colors, counters, state, follow,
+        happened, crosses, dx, dy, dz, code, state = _meet_dielectric(
+            surface_i, surface_f, medium_i, medium_f, tables, surface, medium, other, dx, dy, dz,
+            nx, ny, nz, cos_i, code, colors, counters, state, follow,
         )  # fmt: skip
+        if surface_i[surface, S_TABLE] >= 0 and happened & _SPECULAR != 0:
+            side = -1.0 if crosses else 1.0
+            scattered, dx, dy, dz, code, state = scatter_specular(
+                surface_i, tables, surface, side * nx, side * ny, side * nz, dx, dy, dz, code,
+                colors, counters, state,
+            )  # fmt: skip
+            if scattered:
+                glossy = _GLOSSY_TRANSMISSION if crosses else _GLOSSY_REFLECTION
+                happened = (happened & _SELECT) | glossy
+        return happened, crosses, dx, dy, dz, code, state
     if kind == ABSORBER:
         return _ABSORBED, False, dx, dy, dz, code, state
     if kind == LAMBERTIAN:
         return _meet_lambertian(
             surface_f, surface, dx, dy, dz, nx, ny, nz, code, colors, counters, state
         )
-    return _meet_mirror(
-        surface_f, surface, dx, dy, dz, nx, ny, nz, cos_i, code, colors, counters, state
-    )
+    return meet_scatterer(
+        surface_i, surface_f, medium_f, tables, surface, medium, other, dx, dy, dz, nx, ny, nz,
+        cos_i, code, colors, counters, state,
+    )  # fmt: skip
 
 
 @inline_kernel
 def _meet_dielectric(
-    surface_i: I64, surface_f: F64, medium_i: I64, medium_f: F64, surface: int, medium: int,
-    other: int, dx: float, dy: float, dz: float,
+    surface_i: I64, surface_f: F64, medium_i: I64, medium_f: F64, tables: F64, surface: int,
+    medium: int, other: int, dx: float, dy: float, dz: float,
     nx: float, ny: float, nz: float, cos_i: float, code: int, colors: F64, counters: I64,
     state: np.uint64, follow: int,
 ) -> Outcome:  # fmt: skip
@@ -86,6 +103,7 @@ def _meet_dielectric(
     n_channels = colors.shape[1]
     select = code >= n_channels and (
         medium_i[medium, M_DISPERSIVE] | medium_i[other, M_DISPERSIVE] != 0
+        or surface_i[surface, S_MODEL] >= 2
     )
     k = code if code < n_channels else 0
     if select:
@@ -97,11 +115,18 @@ def _meet_dielectric(
     if cos2_t > 0.0:
         state = advance(state)
         cos_t = math.sqrt(cos2_t)
-        if surface_i[surface, S_MODEL] == 1:
+        u = uniform(state)
+        model = surface_i[surface, S_MODEL]
+        if model == 0:
+            reflectance = _fresnel(n1, n2, cos_i, cos_t)
+        elif model != 2:
             reflectance = surface_f[surface, SURFACE_ROW + k]
         else:
-            reflectance = _fresnel(n1, n2, cos_i, cos_t)
-        if uniform(state) >= reflectance or follow == 1:
+            place = surface_i[surface, S_METAL] + k * surface_i[surface, S_TRANSMITTED]
+            reflectance, transmittance = coating_share(tables, place, n1, n2, cos_i)
+            if u >= reflectance + transmittance and follow == 0:
+                return _ABSORBED, False, dx, dy, dz, code, state
+        if u >= reflectance or follow == 1:
             event = _REFRACTED
             if select:
                 event |= _SELECT
@@ -111,9 +136,26 @@ def _meet_dielectric(
         event = _REFLECTED
     else:
         event = _TIR
+        if surface_i[surface, S_MODEL] == 2:
+            # A coating that absorbs frustrates total reflection
+            state = advance(state)
+            place = surface_i[surface, S_METAL] + k * surface_i[surface, S_TRANSMITTED]
+            reflectance, _ = coating_share(tables, place, n1, n2, cos_i)
+            if uniform(state) >= reflectance:
+                return _ABSORBED, False, dx, dy, dz, code, state
     if select:
         code = _recolor_reflected(
-            surface_i, surface_f, medium_f, surface, medium, other, cos_i, code, colors, counters
+            surface_i,
+            surface_f,
+            medium_f,
+            tables,
+            surface,
+            medium,
+            other,
+            cos_i,
+            code,
+            colors,
+            counters,
         )
     along = 2.0 * cos_i
     return event, False, dx + along * nx, dy + along * ny, dz + along * nz, code, state
@@ -131,14 +173,19 @@ def _fresnel(n1: float, n2: float, cos_i: float, cos_t: float) -> float:
 
 @inner_kernel
 def _recolor_reflected(
-    surface_i: I64, surface_f: F64, medium_f: F64, surface: int, medium: int, other: int,
-    cos_i: float, code: int, colors: F64, counters: I64,
+    surface_i: I64, surface_f: F64, medium_f: F64, tables: F64, surface: int, medium: int,
+    other: int, cos_i: float, code: int, colors: F64, counters: I64,
 ) -> int:  # fmt: skip
     """Colour after reflection where each channel has its own reflectance; total stays total."""
     spare = counters[COLORS] + 1
     for j in range(colors.shape[1]):
         reflectance = fresnel_reflectance(medium_f[medium, j], medium_f[other, j], cos_i)
-        if reflectance < 1.0 and surface_i[surface, S_MODEL] == 1:
+        if surface_i[surface, S_MODEL] == 2:
+            place = surface_i[surface, S_METAL] + j * surface_i[surface, S_TRANSMITTED]
+            reflectance, _ = coating_share(
+                tables, place, medium_f[medium, j], medium_f[other, j], cos_i
+            )
+        elif reflectance < 1.0 and surface_i[surface, S_MODEL] != 0:
             reflectance = surface_f[surface, SURFACE_ROW + j]
         colors[spare, j] = reflectance
     return recolor(colors, code, colors, spare, np.int64(0), counters)
@@ -175,17 +222,3 @@ def _diffuse(
     state = advance(state)
     dx, dy, dz = about(nx, ny, nz, cosine, 2.0 * math.pi * uniform(state))
     return dx, dy, dz, state
-
-
-@inner_kernel
-def _meet_mirror(
-    surface_f: F64, surface: int, dx: float, dy: float, dz: float, nx: float, ny: float,
-    nz: float, cos_i: float, code: int, colors: F64, counters: I64, state: np.uint64,
-) -> Outcome:  # fmt: skip
-    """Specular reflection or absorption."""
-    state = advance(state)
-    if uniform(state) >= mean_of(colors, code, surface_f, surface, np.int64(SURFACE_ROW)):
-        return _ABSORBED, False, dx, dy, dz, code, state
-    code = recolor(colors, code, surface_f, surface, np.int64(SURFACE_ROW), counters)
-    along = 2.0 * cos_i
-    return _REFLECTED, False, dx + along * nx, dy + along * ny, dz + along * nz, code, state

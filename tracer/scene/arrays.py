@@ -23,7 +23,12 @@ U64 = NDArray[np.uint64]
 F_KIND, F_OBJECT, F_TRIANGLE, F_SURFACE, F_INSIDE, F_OUTSIDE, F_DETECTOR, F_EVENT, F_AXIS = range(9)
 
 # Columns of surface_i; surface_f holds a parameter row, then reflectance and transmittance (C each)
-S_KIND, S_MODEL = range(2)
+#   model: of a dielectric 0 bare, 1 and 3 a reflectance (3: by channel), 2 a coating's table;
+#     of a rough mirror the place of the table of its facets
+#   table, stride: place of the table of scatter in the pool (-1 none), its step per channel (or 0)
+#   transmitted: table of transmitted scatter, or step per channel of the coating
+#   metal: place of n and k, of a coating, or of the facets of a rough dielectric (-1 none)
+S_KIND, S_MODEL, S_TABLE, S_STRIDE, S_TRANSMITTED, S_METAL = range(6)
 SURFACE_ROW = 16
 
 # Columns of medium_i; medium_f holds index, absorption, scattering (C each) [1 / scene unit] and
@@ -47,7 +52,17 @@ D_CELLS_U, D_CELLS_V, D_VIRTUAL = range(3)
 DEPTH, WORLD, VIRTUAL = range(3)
 
 # Kinds of surfaces
-ABSORBER, DIELECTRIC, LAMBERTIAN, MIRROR = range(4)
+(
+    ABSORBER,
+    DIELECTRIC,
+    LAMBERTIAN,
+    MIRROR,
+    ROUGH_DIELECTRIC,
+    ROUGH_MIRROR,
+    FILTER,
+    RETROREFLECTOR,
+    TABULATED,
+) = range(9)
 
 # Where a source emits from, and into which directions
 FROM_DISC, FROM_RECTANGLE, FROM_POINT = range(3)

@@ -27,17 +27,12 @@ from tracer.geometry.bodies import Body, FacePlan, LensBody
 from tracer.geometry.kinds import ROW
 from tracer.geometry.shapes import Polygon, Rectangle, Shape
 from tracer.scene.arrays import (
-    ABSORBER,
     COLLIMATED,
-    DIELECTRIC,
     FROM_DISC,
     FROM_POINT,
     FROM_RECTANGLE,
-    LAMBERTIAN,
     LAMBERTIAN_CONE,
-    MIRROR,
     SOURCE_ROW,
-    SURFACE_ROW,
     UNIFORM_CONE,
     CompiledScene,
 )
@@ -46,19 +41,13 @@ from tracer.scene.checks import check_lenses
 from tracer.scene.load import _nearest
 from tracer.scene.media import medium_table
 from tracer.scene.model import RGB_NM, Scene, SourceModel, SurfaceModel, cone_cosine
+from tracer.scene.surfaces import SurfaceTable
 from tracer.sources import deal_rays
 
 __all__ = ["Compilation", "compile_scene", "resolve_bodies"]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
-
-_SURFACE_KINDS = {
-    "absorber": ABSORBER,
-    "dielectric": DIELECTRIC,
-    "lambertian": LAMBERTIAN,
-    "mirror": MIRROR,
-}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -165,7 +154,8 @@ class _Compiler:
         center = (low + high) / 2.0
         radius = 1.05 * float(np.linalg.norm(high - low)) / 2.0 + 1e-6
         face_i, face_f, pool = self._faces(primitives)
-        surface_i, surface_f = self._surfaces()
+        surface_table = SurfaceTable(self.media, self.wavelengths, scene.origin)
+        surface_i, surface_f, tables = surface_table.compile(self._surface_models())
         source_i, source_f, pattern, boxes = self._sources()
         detector_i, detector_f = self._detectors()
         first, face, distance = find_candidates([p.shape for p in primitives], boxes)
@@ -192,7 +182,7 @@ class _Compiler:
             first=first,
             face=face,
             distance=distance,
-            tables=self.media.tables,
+            tables=tables,
             sphere=np.array([*center, radius]),
             limits=np.array(
                 [
@@ -357,29 +347,6 @@ class _Compiler:
     def _surface_models(self) -> list[tuple[str, SurfaceModel]]:
         known = self.scene.surfaces | self.extra_surfaces
         return [(name, known[name]) for name in self.surface_names]
-
-    def _surfaces(self) -> tuple[Integers, Array]:
-        models = self._surface_models()
-        integers = np.zeros((len(models), 2), np.int64)
-        rows = np.zeros((len(models), SURFACE_ROW))
-        reflectance = np.zeros((len(models), len(self.wavelengths)))
-        transmittance = np.zeros_like(reflectance)
-        for k, (name, model) in enumerate(models):
-            for values, given in (
-                (reflectance, model.reflectance),
-                (transmittance, model.transmittance),
-            ):
-                if given is not None:
-                    values[k] = given.at(self.wavelengths, np.array(RGB_NM))
-            coated = model.kind == "dielectric" and model.reflectance is not None
-            integers[k] = _SURFACE_KINDS[model.kind], coated
-            total = reflectance[k] + transmittance[k]
-            if np.any(total > 1.0 + 1e-12) or min(reflectance[k].min(), transmittance[k].min()) < 0:
-                raise self.fail(
-                    f"surfaces.{name}",
-                    f"reflectance + transmittance is {total.max():g}; it must be 0 to 1",
-                )
-        return integers, np.hstack([rows, reflectance, transmittance])
 
     def _sources(self) -> tuple[Integers, Array, Integers, list[tuple[Array, Array, Array]]]:
         models = list(self.scene.sources.items())

@@ -11,12 +11,16 @@ from numpy.typing import NDArray
 from raymap.directory import Medium
 from raymap.errors import SceneError
 from tracer.optics import dispersion, phase
+from tracer.optics.glasses import Glass, find_glass
 from tracer.scene.load import _nearest
 from tracer.scene.model import RGB_NM, MediumModel, Phase, Scene
 
 __all__ = ["MediumTable", "medium_table", "refractive_index"]
 
 Array = NDArray[np.float64]
+
+_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 1e-3, "in": 25.4}
+"""Millimetres in a scene unit."""
 
 _BUILT_IN = {"air": MediumModel(index=1.0), "vacuum": MediumModel(index=1.0)}  # type: ignore[arg-type]
 
@@ -62,6 +66,9 @@ def medium_table(scene: Scene, wavelengths_nm: Array) -> MediumTable:
     for k, (name, model) in enumerate(models.items()):
         place = f"{scene.origin}: media.{name}"
         index[k] = refractive_index(model, wavelengths_nm, place)
+        if model.glass is not None:
+            glass = _glass(model, place)
+            absorption[k] = glass.absorption(wavelengths_nm) * _MM[scene.length_unit]
         if model.absorption is not None:
             absorption[k] = model.absorption.at(wavelengths_nm, np.array(RGB_NM))
         if model.scattering is not None:
@@ -120,10 +127,17 @@ def refractive_index(model: MediumModel, wavelengths_nm: Array, place: str) -> A
     elif model.index is not None:
         values = model.index.at(wavelengths_nm, np.array(RGB_NM))
     else:
-        raise SceneError(f"{place}.glass: there is no catalogue of glasses; give its sellmeier")
+        values = _glass(model, place).index(wavelengths_nm)
     if values.min() <= 0.0:
         raise SceneError(f"{place}: the refractive index must be positive, it is {values.min():g}")
     return np.asarray(values)
+
+
+def _glass(model: MediumModel, place: str) -> Glass:
+    try:
+        return find_glass(model.glass or "")
+    except SceneError as error:
+        raise SceneError(f"{place}.glass: {error}") from None
 
 
 def _phase_row(model: Phase, first: int, name: str) -> tuple[Array, Array]:

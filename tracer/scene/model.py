@@ -110,26 +110,138 @@ class MediumModel(Node):
             raise ValueError("give exactly one of index, sellmeier, cauchy or glass")
 
 
+class Metal(Node):
+    """Refractive index n + i k of a metal."""
+
+    n: Spectral
+    k: Spectral
+
+
+class CoatingLayer(Node):
+    """A layer of a stack: index n + i k and thickness [nm]."""
+
+    index: Spectral
+    extinction: Spectral | None = None
+    thickness_nm: Annotated[float, Field(ge=0)]
+
+
+class Coating(Node):
+    """A stack of ``layers`` from the first of two media ``between`` to the second, or a
+    measurement: reflectance and transmittance, a row per wavelength with a value per angle."""
+
+    layers: tuple[CoatingLayer, ...] = ()
+    between: tuple[str, str] | None = None
+    wavelength_nm: tuple[Positive, ...] = ()
+    angle_deg: tuple[float, ...] = ()
+    reflectance: tuple[tuple[Share, ...], ...] = ()
+    transmittance: tuple[tuple[Share, ...], ...] = ()
+
+    def model_post_init(self, context: Any) -> None:
+        if bool(self.layers) == bool(self.angle_deg):
+            raise ValueError("give either layers and between, or a table over angle_deg")
+        if bool(self.layers) != (self.between is not None):
+            raise ValueError(
+                "layers need the media that they lie between: between = [first, second]"
+            )
+
+
+class Scatter(Node):
+    """Scatter about the specular direction: ABg (A, B, g) or Harvey-Shack (b, width, s).
+
+    With ``reference_nm`` the law is scaled from that wavelength to each channel's.
+    """
+
+    abg: tuple[float, float, float] | None = None
+    harvey_shack: tuple[float, float, float] | None = None
+    reference_nm: Positive | None = None
+
+    def model_post_init(self, context: Any) -> None:
+        if (self.abg is None) == (self.harvey_shack is None):
+            raise ValueError("give either abg = [A, B, g] or harvey_shack = [b, width, s]")
+
+
+class MeasuredScatter(Node):
+    """A measured isotropic BSDF [1/sr]: values per angle of incidence, angle of scattering, azimuth
+    (0: the side of the specular ray)."""
+
+    theta_i_deg: tuple[float, ...]
+    theta_o_deg: tuple[float, ...]
+    phi_deg: tuple[float, ...]
+    values: tuple[tuple[tuple[float, ...], ...], ...]
+
+
 class SurfaceModel(Node):
     """Optical properties of faces.
 
     absorber : takes all light
-    dielectric : smooth interface of both media, bare or with a constant ``reflectance``
+    dielectric : smooth interface of both media; bare, with a ``reflectance``, or with a ``coating``
     lambertian : diffuse ``reflectance`` and ``transmittance``, the rest is absorbed
-    mirror : specular ``reflectance``, the rest is absorbed
+    mirror : specular ``reflectance`` or that of a ``metal``, the rest is absorbed
+    rough_dielectric, rough_mirror : GGX facets of ``roughness`` 0 .. 1 (alpha)
+    filter : thin sheet with internal ``transmittance`` and ``index``; light goes straight on
+    retroreflector : ``reflectance`` within ``spread_deg`` of the way back
+    tabulated : measured scatter, ``reflected`` and ``transmitted``, the rest is absorbed
+
+    ``scatter`` takes its share of the specular light of a dielectric or mirror.
     """
 
-    kind: Literal["absorber", "dielectric", "lambertian", "mirror"]
+    kind: Literal[
+        "absorber",
+        "dielectric",
+        "lambertian",
+        "mirror",
+        "rough_dielectric",
+        "rough_mirror",
+        "filter",
+        "retroreflector",
+        "tabulated",
+    ]
     reflectance: Spectral | None = None
     transmittance: Spectral | None = None
+    metal: Metal | None = None
+    roughness: float | None = None
+    coating: Coating | None = None
+    scatter: Scatter | None = None
+    index: Positive | None = None
+    spread_deg: Annotated[float, Field(ge=0, le=90)] | None = None
+    reflected: MeasuredScatter | None = None
+    transmitted: MeasuredScatter | None = None
 
     def model_post_init(self, context: Any) -> None:
-        if self.kind == "absorber" and (self.reflectance or self.transmittance):
-            raise ValueError("an absorber takes all light; use kind = 'lambertian'")
-        if self.transmittance is not None and self.kind != "lambertian":
-            raise ValueError(f"a {self.kind} surface has no transmittance of its own")
-        if self.kind in ("lambertian", "mirror") and not (self.reflectance or self.transmittance):
-            raise ValueError(f"a {self.kind} surface needs a reflectance")
+        keys = _SURFACE_KEYS[self.kind]
+        for name in self.model_fields_set - {"kind"}:
+            if name not in keys:
+                allowed = ", ".join(keys) or "nothing else"
+                raise ValueError(f"a {self.kind} surface has no {name}; it takes {allowed}")
+        if self.kind in ("mirror", "rough_mirror") and (
+            (self.reflectance is None) == (self.metal is None)
+        ):
+            raise ValueError(f"a {self.kind} surface needs either a reflectance or a metal")
+        if self.kind == "lambertian" and not (self.reflectance or self.transmittance):
+            raise ValueError("a lambertian surface needs a reflectance or a transmittance")
+        if self.kind == "retroreflector" and self.reflectance is None:
+            raise ValueError("a retroreflector needs a reflectance")
+        if self.kind == "filter" and self.transmittance is None:
+            raise ValueError("a filter needs a transmittance")
+        if self.kind.startswith("rough") and self.roughness is None:
+            raise ValueError(f"a {self.kind} surface needs a roughness (alpha of GGX)")
+        if self.kind == "tabulated" and not (self.reflected or self.transmitted):
+            raise ValueError("a tabulated surface needs reflected or transmitted values")
+        if self.coating is not None and self.reflectance is not None:
+            raise ValueError("give either a reflectance or a coating")
+
+
+_SURFACE_KEYS: dict[str, tuple[str, ...]] = {
+    "absorber": (),
+    "dielectric": ("reflectance", "coating", "scatter"),
+    "lambertian": ("reflectance", "transmittance"),
+    "mirror": ("reflectance", "metal", "scatter"),
+    "rough_dielectric": ("roughness",),
+    "rough_mirror": ("roughness", "reflectance", "metal"),
+    "filter": ("transmittance", "index"),
+    "retroreflector": ("reflectance", "spread_deg"),
+    "tabulated": ("reflected", "transmitted"),
+}
 
 
 class SourceModel(Placed):
