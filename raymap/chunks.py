@@ -176,13 +176,17 @@ class MapFile:
             raise FormatError(f"chunk at byte {chunk.offset} has no sound stream {name!r}")
         return bytes(decode_bytes(entries[0], self.stored(chunk, entries[0])))
 
-    def column(self, chunk: Chunk, name: str, rows: int | None, dtype: Any) -> NDArray[Any]:
+    def column(
+        self, chunk: Chunk, name: str, rows: int | None, dtype: Any, *, matrix: bool = False
+    ) -> NDArray[Any]:
         """A column of a chunk, checked and decoded, as the expected type."""
         entries = [entry for entry in chunk.header.streams if entry.name == name]
         if not entries:
             raise FormatError(f"chunk at byte {chunk.offset} has no stream {name!r}")
         column = decode_column(entries, lambda entry: self.stored(chunk, entry), rows)
         wanted = np.dtype(dtype)
+        if column.ndim > 1 and not matrix:
+            raise FormatError(f"stream {name!r} has {column.shape[1]} elements per row")
         if column.dtype == wanted:
             return column
         if column.dtype.kind in "iu" and wanted.kind in "iu":

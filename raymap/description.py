@@ -57,8 +57,8 @@ def read_directory(file: MapFile, chunk: Chunk) -> tuple[Directory, list[int]]:
 
 def read_mesh(file: MapFile, chunk: Chunk, number: int) -> DisplayMesh:
     """The display mesh of one object."""
-    vertices = file.column(chunk, f"mesh.{number}.vertices", None, np.float32)
-    triangles = file.column(chunk, f"mesh.{number}.triangles", None, np.int32)
+    vertices = file.column(chunk, f"mesh.{number}.vertices", None, np.float32, matrix=True)
+    triangles = file.column(chunk, f"mesh.{number}.triangles", None, np.int32, matrix=True)
     face = file.column(chunk, f"mesh.{number}.face", None, np.int32)
     sound = (
         (

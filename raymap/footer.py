@@ -167,7 +167,7 @@ def read_footer(file: MapFile, chunk: Chunk, n_sources: int) -> Footer:
         for name in _COUNTS
     }
     emitted = (
-        file.column(chunk, "portion.emitted", n, np.int64).reshape(n, -1)
+        file.column(chunk, "portion.emitted", n, np.int64, matrix=True).reshape(n, -1)
         if n
         else np.empty((0, n_sources), np.int64)
     )
@@ -186,7 +186,9 @@ def read_footer(file: MapFile, chunk: Chunk, n_sources: int) -> Footer:
         previous = meta.number
         portions.append(entry)
     others = file.column(chunk, "chunk.offset", None, np.uint64)
-    tags = file.column(chunk, "chunk.tag", len(others), np.uint8).reshape(len(others), -1)
+    tags = file.column(chunk, "chunk.tag", len(others), np.uint8, matrix=True).reshape(
+        len(others), -1
+    )
     if tags.shape[1:] != (8,) or (len(others) and int(others.max()) >= chunk.offset):
         raise FormatError("footer's index of chunks contradicts the file")
     names = {entry.name for entry in chunk.header.streams}
@@ -218,7 +220,7 @@ def read_merged(
     for number, n_channels in enumerate(channels):
         name = f"path.sum_wc.{number}"
         if name in names:
-            sums = file.column(chunk, name, n, np.float64).reshape(n, -1)
+            sums = file.column(chunk, name, n, np.float64, matrix=True).reshape(n, -1)
             if n and sums.shape[1] != n_channels:
                 raise FormatError(f"stream {name!r} has {sums.shape[1]} channels")
             sets.append(sums)

@@ -165,7 +165,7 @@ class StoredPortion:
         n_channels = self._map.channel_sets[self.channel_set].n_channels
         if "color.table" not in self._streams:
             return np.empty((0, n_channels), np.uint16)
-        stored = self._stream("color.table", None, np.uint16)
+        stored = self._stream("color.table", None, np.uint16, matrix=True)
         stored = stored.reshape(len(stored), -1)
         if n_channels == 1:
             return stored
@@ -304,12 +304,16 @@ class StoredPortion:
             table.setdefault(entry.name, []).append(entry)
         return table
 
-    def _stream(self, name: str, rows: int | None, dtype: Any) -> NDArray[Any]:
+    def _stream(
+        self, name: str, rows: int | None, dtype: Any, *, matrix: bool = False
+    ) -> NDArray[Any]:
         wanted = np.dtype(dtype)
         try:
             if name not in self._streams:
                 raise FormatError(f"stream {name!r} is missing")
             column = decode_column(self._streams[name], self.fetch, rows)
+            if column.ndim > 1 and not matrix:
+                raise FormatError(f"stream {name!r} has {column.shape[1]} elements per row")
             if column.dtype == wanted:
                 return column
             if column.dtype.kind in "iu" and wanted.kind in "iu":
@@ -362,9 +366,9 @@ class StoredPortion:
     def _color_sums(self, n_paths: int) -> tuple[NDArray[np.float64], ...]:
         sums = [np.zeros((n_paths, 0)) for _ in self._map.channel_sets]
         if self.has_weights:
-            own = self._stream("path.sum_wc", n_paths, np.float64)
+            own = self._stream("path.sum_wc", n_paths, np.float64, matrix=True)
         else:
-            own = self._stream("path.sum_c", n_paths, np.uint64) / COLOR_SCALE
+            own = self._stream("path.sum_c", n_paths, np.uint64, matrix=True) / COLOR_SCALE
         own = own.reshape(n_paths, -1)
         if own.shape[1] != self._map.channel_sets[self.channel_set].n_channels:
             raise self._damaged("colours of the paths have another number of channels")

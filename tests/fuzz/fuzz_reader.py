@@ -8,6 +8,7 @@ made to fit again, so that the fuzzer gets behind them. Whatever the bytes, read
 from __future__ import annotations
 
 import contextlib
+import importlib
 import random
 import struct
 import sys
@@ -16,6 +17,16 @@ from pathlib import Path
 
 _ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(_ROOT))
+
+_PARSERS = ("chunks", "layout", "streams", "footer", "reader", "stored", "description")
+"""Modules whose branches guide the fuzzer; compiled functions cannot be instrumented."""
+
+if __name__ == "__main__":
+    import atheris
+
+    with atheris.instrument_imports(include=[f"raymap.{name}" for name in _PARSERS]):
+        for _name in _PARSERS:
+            importlib.import_module(f"raymap.{_name}")
 
 import xxhash  # noqa: E402
 
@@ -129,19 +140,10 @@ def short_run(n: int, seed: int = 1) -> int:
 
 def main() -> None:
     """Run atheris with the golden maps as seeds."""
-    import atheris
-
     corpus = Path(_FOLDER.name) / "seeds"
     corpus.mkdir()
     for number, content in enumerate(seeds()):
         (corpus / f"seed{number}").write_bytes(content)
-    # Instrument the modules that parse; compiled functions cannot be
-    for name in ("chunks", "layout", "streams", "footer", "reader", "stored", "description"):
-        module = sys.modules[f"raymap.{name}"]
-        for value in vars(module).values():
-            if callable(value) and getattr(value, "__module__", "") == module.__name__:
-                with contextlib.suppress(Exception):
-                    atheris.instrument_func(value)
 
     def mutator(data: bytes, max_size: int, seed: int) -> bytes:
         dice = random.Random(seed)

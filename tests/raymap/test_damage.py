@@ -27,7 +27,7 @@ from tests.raymap.damaging import check_damaged, chunk_offsets, with_sound_heade
 from tests.raymap.maps import write_small
 
 _SETTINGS = settings(
-    max_examples=150,
+    max_examples=80,
     deadline=None,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )
@@ -88,7 +88,7 @@ def test_random_damage(sound, tmp_path, drawn):
 @_SETTINGS
 @given(
     chunk=st.integers(0, 7),
-    field=st.integers(8, 400),
+    field=st.integers(8, 4000),
     value=st.binary(min_size=1, max_size=8),
 )
 def test_headers_that_lie_with_sound_checksums(sound, tmp_path, chunk, field, value):
