@@ -2,14 +2,15 @@
 
     python docs/viewer_pictures.py [MAP]
 
-Records the double Gauss (2 million rays, seed 1) unless a map of it is given, and once more with the
-strongest pair of ghost surfaces coated; prints the figures of the page and writes docs/images/*.png.
-The screenshots need a Chromium and Playwright (extra ``dev``).
+Records the double Gauss (2 million rays, seed 1) unless a map of it is given, and once more with
+the strongest pair of ghost surfaces coated; prints the figures of the page and writes
+docs/images/*.png. The screenshots need a Chromium and Playwright (extra ``dev``).
 """
 
 from __future__ import annotations
 
 import io
+import os
 import shutil
 import subprocess
 import sys
@@ -86,7 +87,7 @@ def figures(path: Path) -> None:
         print(f"\n{path.name}: {lens.rays:,} rays, {lens.records:,} records")
         print(f"sensor {seen.flux:.5f} ± {seen.flux_se:.1g} W")
         print(f"ghosts {ghosts.flux:.5f} ± {ghosts.flux_se:.1g} W, {ghosts.matched:,} rays, "
-              f"{ghosts.flux / seen.flux:.2%} of the sensor's light, {ghosts.seconds:.3f} s")  # fmt: skip
+              f"{ghosts.flux / seen.flux:.2%} of the light, {ghosts.seconds:.3f} s")  # fmt: skip
         matrix = ghost_matrix(lens, "sensor")
         for pair in matrix.pairs(6):
             print(f"  {pair['first']:9} {pair['second']:9} {pair['rays']:6,} rays "
@@ -164,6 +165,8 @@ def screenshots(path: Path) -> None:
         page.wait_for_function(
             "document.querySelector('[data-testid=image-full] img')?.naturalWidth > 0"
         )
+        page.get_by_test_id("binning").select_option("4")
+        page.wait_for_timeout(2000)
         tab.shot("view_detector.png")
         tab.click("tab-paths")
         tab.click("path-0")
@@ -182,6 +185,7 @@ def main() -> None:
     IMAGES.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
+        os.environ["XDG_CONFIG_HOME"] = name
         bare = Path(sys.argv[1]) if len(sys.argv) > 1 else folder / "lens.raymap"
         if len(sys.argv) <= 1:
             record(SCENE, bare)

@@ -54,7 +54,7 @@ RAY_STEPS = (50, 100, 200, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000, 100_00
 LOOK = ("color", "width", "opacity", "fade", "body_opacity", "names", "dark")
 """Fields of the page that change the picture alone."""
 
-DETECTOR = ("detector", "log_scale", "colormap", "image")
+DETECTOR = ("detector", "log_scale", "colormap", "image", "binning")
 SECTION = ("section_on", "section_side", "section_place", "section_rays")
 CLIP = ("clip_event", "clip_after", "clip_until")
 
@@ -119,7 +119,8 @@ class Application:
                 "many_sources": len(directory.sources) > 1,
                 "detectors": [entry.name for entry in directory.detectors], "shape": "rect",
                 "detector_cells": None, "image_selected": "", "image_full": "", "image_low": "",
-                "image_high": "", "image_gradient": "", "detector_note": "", "detector_facts": [],
+                "image_high": "", "image_gradient": "", "image_peaks": ["", ""],
+                "detector_note": "", "detector_facts": [],
                 "detector_sections": "", "detector_total": "",
                 "report": None, "report_error": "", "report_point": None, "ray_text": "",
                 "color_rules": [

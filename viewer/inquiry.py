@@ -25,7 +25,7 @@ from viewer.answers import (
 )
 from viewer.itinerary import headline
 from viewer.panel_criterion import tree_fields
-from viewer.panel_detector import cross_sections, image_url, scale_fields
+from viewer.panel_detector import bin_cells, cross_sections, image_url, scale_fields
 from viewer.panel_paths import path_rows, sort_rows
 from viewer.panel_report import point_fields, report_fields
 from viewer.plots import heat_map
@@ -218,40 +218,43 @@ class Inquiry:
         name = self.detector_name()
         if name is None or self.images is None:
             return {"detector_cells": None}
-        selected, full = self.images
+        selected, full = (
+            bin_cells(image, state.binning) if image is not None else None for image in self.images
+        )
+        assert selected is not None
         detector = next(entry for entry in directory.detectors if entry.name == name)
         shown = selected if state.image != "full" or full is None else full
-        top = float(shown.max()) if shown.size else 0.0
-        top_full = float(full.max()) if full is not None and full.size else 0.0
+        whole = full if full is not None else np.zeros_like(selected)
+        top, unit = float(shown.max()), directory.flux_unit
         options: dict[str, Any] = {"log": state.log_scale, "colormap": state.colormap}
+        drawn = {**options, "cells": detector.cells, "binning": state.binning}
         place = self.place
         if place is None:
             peak = np.unravel_index(int(np.argmax(shown)), shown.shape)
-            place = (int(peak[1]), int(peak[0]))
-        unit = directory.flux_unit
-        size = detector.size
-        note = "" if top > 0 else "No ray of the selection reaches this detector."
-        if top_full <= 0:
+            place = (int(peak[1]) * state.binning, int(peak[0]) * state.binning)
+        u, v = place[0] // state.binning, place[1] // state.binning
+        note = "" if selected.max() > 0 else "No ray of the selection reaches this detector."
+        if whole.max() <= 0:
             note = "No ray of the map reaches this detector."
         facts = [
-            ["Peak cell", f"{top:.4g} {unit}"],
             ["Cells", f"{detector.cells[0]} × {detector.cells[1]}"],
-            ["Size", f"{size[0]:g} × {size[1]:g} {directory.length_unit}"],
-            ["Cell", f"({place[0]}, {place[1]}): {float(selected[place[1], place[0]]):.4g} {unit}"],
-        ]
-        scales = scale_fields(shown, top, unit=unit, **options)
+            ["Size", f"{detector.size[0]:g} × {detector.size[1]:g} {directory.length_unit}"],
+            [f"Cell {place[0]}, {place[1]}", f"{float(selected[v, u]):.4g} {unit} selected, "
+             f"{float(whole[v, u]):.4g} {unit} in all"],
+        ]  # fmt: skip
+        peaks = [f"{float(image.max()):.3g} {unit}" for image in (selected, whole)]
+        sections = cross_sections(selected, full, (u, v), log=state.log_scale)
         return {
             "detector_cells": list(detector.cells),
-            "image_selected": image_url(selected, highest=float(selected.max()), **options),
-            "image_full": image_url(full, highest=top_full, **options) if full is not None else "",
+            "image_selected": image_url(selected, highest=float(selected.max()), **drawn),
+            "image_full": image_url(whole, highest=float(whole.max()), **drawn),
+            "image_peaks": peaks,
             "detector_total": f"{float(selected.sum()):.4g} {unit} selected, "
-            f"{float(full.sum()) if full is not None else 0:.4g} {unit} in all",
+            f"{float(whole.sum()):.4g} {unit} in all",
             "detector_note": note,
             "detector_facts": facts,
-            "detector_sections": cross_sections(selected, full, place, log=state.log_scale)
-            if top_full > 0
-            else "",
-            **scales,
+            "detector_sections": sections if whole.max() > 0 else "",
+            **scale_fields(shown, top, unit=unit, **options),
         }
 
     def section_fields(self) -> dict[str, Any]:

@@ -8,14 +8,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from viewer.falsecolor import apply_colormap, encode_srgb
+from viewer.falsecolor import apply_colormap
 from viewer.plots import profile
 from viewer.rendering import encode_png
 from viewer.templates import template
 
-__all__ = ["PANEL", "cross_sections", "image_url", "scale_fields"]
+__all__ = ["PANEL", "bin_cells", "cross_sections", "image_url", "scale_fields"]
 
 PANEL = template("detector")
+
+
+def bin_cells(values: NDArray[np.floating], binning: int) -> NDArray[np.float64]:
+    """Sums of blocks of cells; those at the far borders may hold fewer cells."""
+    rows, columns = (np.arange(0, side, binning) for side in values.shape)
+    return np.asarray(np.add.reduceat(np.add.reduceat(values, rows, 0), columns, 1), np.float64)
 
 
 def image_url(
@@ -24,30 +30,30 @@ def image_url(
     log: bool,
     colormap: str,
     highest: float,
-    colors: NDArray[np.floating] | None = None,
+    cells: tuple[int, int],
+    binning: int = 1,
 ) -> str:
     """A detector's cells as a picture for the page, row 0 at the bottom.
 
     Parameters
     ----------
-    values : (cells_v, cells_u) flux per cell
+    values : (rows, columns) flux per block of ``binning`` cells each way
     highest : value of the brightest colour
-    colors : (cells_v, cells_u, 3) linear sRGB of the light, for natural colours instead of false
+    cells : of the detector (u, v); the picture has one pixel for each
     """
-    if colors is not None:
-        top = float(colors.max()) or 1.0
-        pixels = np.rint(encode_srgb(colors / top) * 255).astype(np.uint8)
-    else:
-        pixels = apply_colormap(_scaled(values, log=log, highest=highest), colormap)
+    pixels = apply_colormap(_scaled(values, log=log, highest=highest), colormap)
+    for axis in (0, 1):
+        pixels = np.repeat(pixels, binning, axis=axis)
+    pixels = pixels[: cells[1], : cells[0]]
     png = encode_png(np.ascontiguousarray(pixels[::-1]))
     return "data:image/png;base64," + base64.b64encode(png).decode()
 
 
 def lowest_shown(values: NDArray[np.floating], highest: float) -> float:
-    """Lower end of a logarithmic scale: the smallest value, but at most five decades down."""
+    """Lower end of a logarithmic scale: the smallest value, but at most seven decades down."""
     positive = values[values > 0]
     low = float(positive.min()) if len(positive) else highest
-    return max(low * 0.7, highest * 1e-5)
+    return max(low * 0.7, highest * 1e-7)
 
 
 def _scaled(values: NDArray[np.floating], *, log: bool, highest: float) -> NDArray[np.float64]:

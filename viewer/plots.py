@@ -125,7 +125,7 @@ def heat_map(
         return ""
     longest = max(len(name) for name in rows)
     left = min(130, 8 + 6 * longest)
-    size = min(34.0, (width - left - 6) / len(columns))
+    size = min(28.0, (width - left - 6) / len(columns))
     top = min(110, 10 + 5 * max(len(name) for name in columns))
     height = int(top + size * len(rows) + 6)
     positive = values[values > 0]

@@ -131,6 +131,7 @@ class ViewState:
     paths : paths of the table shown alone, as criteria
     ray : number of the ray in the report, and ``point`` in it
     detector : name; None takes the first
+    binning : so many cells each way are shown as one
     """
 
     criterion: str = ""
@@ -155,6 +156,7 @@ class ViewState:
     log_scale: bool = True
     colormap: str = "inferno"
     image: Literal["selected", "full", "both"] = "both"
+    binning: Literal[1, 2, 4, 8, 16] = 1
 
 
 T = TypeVar("T")
