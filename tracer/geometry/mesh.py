@@ -230,6 +230,32 @@ def check_solid(mesh: TriangleMesh) -> None:
             f"mesh {mesh.name!r} is inside out: its triangles are ordered clockwise seen from "
             "outside; set flip = true or turn the normals over in the program that wrote it"
         )
+    _check_parts(mesh)
+
+
+def _check_parts(mesh: TriangleMesh) -> None:
+    """Refuse a part that is inside out and is no cavity: it lies in no other part's box."""
+    first, around = triangles_around(len(mesh.vertices), mesh.triangles)
+    normals = np.zeros((len(mesh.triangles), 3))
+    root = _join_flat(mesh.triangles, normals, first, around, -1.0)
+    parts, member = np.unique(root, return_inverse=True)
+    if len(parts) == 1:
+        return
+    a, b, c = (mesh.vertices[mesh.triangles[:, corner]] for corner in range(3))
+    volumes = np.bincount(member.reshape(-1), np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0)
+    low, high = np.full((len(parts), 3), np.inf), np.full((len(parts), 3), -np.inf)
+    for corner in (a, b, c):
+        np.minimum.at(low, member.reshape(-1), corner)
+        np.maximum.at(high, member.reshape(-1), corner)
+    outer = volumes > 0.0
+    for part in np.flatnonzero(~outer):
+        holds = outer & np.all(low <= low[part], axis=1) & np.all(high >= high[part], axis=1)
+        if not np.any(holds):
+            x, y, z = 0.5 * (low[part] + high[part])
+            raise SceneError(
+                f"mesh {mesh.name!r}: one of its {len(parts)} parts is inside out, the one about "
+                f"({x:.6g}, {y:.6g}, {z:.6g}); turn its normals over in the program that wrote it"
+            )
 
 
 def _edge_place(mesh: TriangleMesh, edge: int) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any, Literal
 
@@ -9,11 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.errors import MissingExtra, SceneError
-from tracer.geometry.mesh import TriangleMesh, faces_by_angle, make_mesh, smooth_normals
+from tracer.geometry.mesh import (
+    MeshWarning,
+    TriangleMesh,
+    faces_by_angle,
+    make_mesh,
+    smooth_normals,
+)
+from tracer.geometry.mesh_scene import count_crossing_edges
 
 __all__ = ["FaceRule", "load_mesh"]
 
 FaceRule = Literal["one", "group", "color", "angle"]
+
+CROSSINGS_UP_TO = 300_000
+"""Larger meshes are not searched for self-intersections when they are loaded."""
 
 
 def load_mesh(
@@ -67,6 +78,16 @@ def load_mesh(
         mesh = faces_by_angle(mesh, angle_deg)
     if smooth_deg is not None:
         mesh = smooth_normals(mesh, smooth_deg)
+    if solid and len(mesh.triangles) <= CROSSINGS_UP_TO:
+        crossing = count_crossing_edges(mesh)
+        if crossing:
+            warnings.warn(
+                f"mesh {body!r}: {crossing} edges run through triangles elsewhere: it intersects "
+                "itself, and light between may find itself in the wrong medium; join its parts in "
+                "the program that wrote it",
+                MeshWarning,
+                stacklevel=2,
+            )
     return mesh
 
 

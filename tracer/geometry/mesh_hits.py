@@ -49,6 +49,7 @@ class MeshArrays(NamedTuple):
     radius : of the sphere about ``center`` that holds all triangles
     corners : (n_triangles, 9) the three corners x, y, z of each triangle, local
     triangles : (n_triangles, 3) numbers of the corners
+    face : (n_triangles,) named face of the mesh to which each triangle belongs
     first_around : (n_vertices + 1,) triangles that share vertex v are
         around[first_around[v]:first_around[v + 1]]
     around : (3 n_triangles,) rows of ``triangles``
@@ -65,6 +66,7 @@ class MeshArrays(NamedTuple):
     radius: float
     corners: F64
     triangles: I32
+    face: I32
     first_around: I64
     around: I32
     first_triangle: I64

@@ -150,6 +150,7 @@ class MeshScene:
             radius=radius,
             corners=np.asarray(_Kept(corners, self._embree)),
             triangles=np.ascontiguousarray(triangles),
+            face=np.concatenate([part.face for part in self._parts]).astype(np.int32),
             first_around=first_around,
             around=around,
             first_triangle=np.array([self._first_row[part] for part in part_of], np.int64),
@@ -178,7 +179,8 @@ def _matrix(placement: Placement) -> NDArray[np.float64]:
 def count_crossing_edges(mesh: TriangleMesh) -> int:
     """Number of edges that run through a triangle elsewhere: signs of self-intersection.
 
-    Each edge is followed as a ray; grazing contacts may stay unseen.
+    Each edge is followed as a ray; grazing contacts may stay unseen. Takes about a second for a
+    hundred thousand triangles.
     """
     arrays = MeshScene([Placement(mesh=mesh)]).arrays
     rows = mesh.triangles.astype(np.int64)

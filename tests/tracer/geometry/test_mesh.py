@@ -154,6 +154,23 @@ def test_ply_colours_and_gltf_nodes(tmp_path: Path) -> None:
     assert both.vertices[:, 0].max() == pytest.approx(4)
 
 
+def test_cavities_are_allowed_but_parts_inside_out_are_not() -> None:
+    inner = make_mesh(
+        np.concatenate((V, 0.25 + 0.5 * V)), np.concatenate((T, T[:, ::-1] + 8)), name="hollow"
+    )
+    assert inner.volume == pytest.approx(1 - 0.125)
+    with pytest.raises(SceneError, match=r"one of its 2 parts is inside out, the one about \(3"):
+        make_mesh(np.concatenate((2 * V, V + 3)), np.concatenate((T, T[:, ::-1] + 8)))
+
+
+def test_self_intersections_are_a_counted_warning(tmp_path: Path) -> None:
+    lines = [f"v {x} {y} {z}" for x, y, z in np.concatenate((V, V + np.array([0.4, 0.3, 0.6])))]
+    lines += ["f " + " ".join(str(k + 1) for k in row) for row in np.concatenate((T, T + 8))]
+    (tmp_path / "both.obj").write_text("\n".join(lines))
+    with pytest.warns(MeshWarning, match=r"'both': \d+ edges run through"):
+        load_mesh(tmp_path / "both.obj")
+
+
 def test_bad_files_are_refused_in_one_line(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match="there is no file"):
         load_mesh(tmp_path / "none.stl")
