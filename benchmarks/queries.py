@@ -77,13 +77,11 @@ def machine() -> dict[str, object]:
 
 
 def diffuse_scene(folder: Path) -> Path:
-    """A room of white boxes under a lamp: every ray wanders on a path of its own."""
+    """White boxes in a white room, and a lamp: every ray wanders on a path of its own."""
     lines = [
-        'title = "Diffuse boxes"',
+        'title = "Diffuse boxes"\nlength_unit = "mm"\nflux_unit = "W"',
         "[surfaces.white]\nkind = 'lambertian'\nreflectance = 0.9",
-        "[bodies.floor]\nkind = 'rectangle'\nposition = [0, 0, 0]\nsize = [80, 80]\n"
-        "surface = 'white'",
-        "[bodies.ceiling_plate]\nkind = 'rectangle'\nposition = [0, 0, 30]\nsize = [80, 80]\n"
+        "[bodies.room]\nkind = 'box'\nposition = [0, 0, 15]\nsize = [80, 80, 30]\n"
         "surface = 'white'",
         "[sources.lamp]\nkind = 'point'\nposition = [0, 0, 20]",
         "[detectors.ceiling]\nposition = [0, 0, 29]\nlooks = [0, 0, -1]\nup = [0, 1, 0]\n"
@@ -227,7 +225,7 @@ def main() -> None:
     parser.add_argument("--map", type=Path, default=None, help="a large map that stands already")
     parser.add_argument("--keep", action="store_true")
     options = parser.parse_args()
-    from tracer import record
+    from tracer.record import record
 
     folder = Path(tempfile.mkdtemp(prefix="raymap-query-", dir=options.folder))
     try:

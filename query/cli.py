@@ -99,6 +99,7 @@ def query(
 ) -> None:
     """Find the rays that satisfy a criterion."""
     from query.selector import select
+    from query.warm import warm_up
     from raymap.cli import emit_json
 
     if output is not None:
@@ -110,6 +111,7 @@ def query(
         if explain:
             _explain(ray_map, asked, threads, json)
             return
+        warm_up(ray_map, asked)
         only_count = count and output is None and limit is None
         selection = select(
             ray_map,

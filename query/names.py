@@ -245,6 +245,12 @@ def match_objects(pattern: str, names: FaceNames, *, aliases: bool = True) -> Ob
     # A name with a dot may be a whole object's; faces come first.
     if found is None and face_part is not None:
         found = _whole_objects(pattern, names, aliases)
+    if found is None and not aliases:
+        shared = match_objects(pattern, names).faces
+        own = ", ".join(names.table.names[face] for face in np.flatnonzero(shared))
+        raise UnknownName(
+            f'"{pattern}" is the second name of a shared face; here it goes by its own: {own}'
+        )
     if found is None:
         if face_part is not None and (known := names.face_names_of(object_part)):
             shown = ", ".join(dict.fromkeys(known))

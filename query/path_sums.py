@@ -50,12 +50,14 @@ def sum_over_paths(
         tally = Tally.of_rays(found.paths.of_ray[rays], weight, emission, base.n_rays)
         return reduce(base, tally)
 
+    merged = map.merged
     scan = Scan(
         map,
         [node],
         visit=visit,
         take=lambda _, product: products.append(product),
         plain_only=True,
+        labels=None if merged is None else np.arange(merged.paths.n_paths),
         threads=threads,
         progress=progress,
         cancel=cancel,

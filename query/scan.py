@@ -80,11 +80,19 @@ class Totals:
 
 
 @dataclass(frozen=True, eq=False)
+class _Fresh:
+    """What one portion adds to the totals of one criterion; None: no label gets more."""
+
+    by_source: Tally
+    by_label: Tally | None
+
+
+@dataclass(frozen=True, eq=False)
 class _Visit:
     """What a worker hands back for one portion."""
 
     index: int
-    totals: Sequence[Totals]
+    totals: Sequence[_Fresh]
     masks: Sequence[NDArray[np.uint8]] = ()
     product: Any = None
     damaged: bool = False
@@ -100,7 +108,7 @@ class Scan:
     rays : find the rays themselves and keep them as `masks`
     visit : called in worker threads for each portion that has matching rays (with ``plain_only``:
         that has no dictionary, too); what it returns goes to ``take`` in portion order
-    labels : (n_merged_paths,) label of each merged path; by default each is its own
+    labels : (n_merged_paths,) label of each merged path; without them only sources are told apart
     use_merged : False evaluates every portion by itself (the same answer, more slowly)
     """
 
@@ -129,7 +137,7 @@ class Scan:
         self._bytes_before = map.bytes_read
         self.merged = map.merged if use_merged else None
         self.n_sources = len(map.directory.sources)
-        self._labels = labels
+        self.labels = labels
         self.complete = True
         self.damaged: list[int] = []
         self.served: list[int] = []
@@ -150,15 +158,8 @@ class Scan:
         return PathVerdicts(self.nodes, base, pairs)
 
     @cached_property
-    def labels(self) -> Ints:
-        """(n_merged_paths,) label of each merged path."""
-        if self._labels is not None:
-            return self._labels
-        return np.arange(0 if self.merged is None else self.merged.paths.n_paths)
-
-    @cached_property
     def n_labels(self) -> int:
-        return int(self.labels.max()) + 1 if len(self.labels) else 0
+        return 0 if self.labels is None or not len(self.labels) else int(self.labels.max()) + 1
 
     @cached_property
     def grouped(self) -> bool:
@@ -176,9 +177,10 @@ class Scan:
                 [p.possible if whole else p.possible & ~p.certain for p in pairs]
             )
         chosen = []
+        some = bool(asked.any())
         for index, portion in enumerate(self.map.portions):
             local = self.local(index)
-            if portion.n_rays and (local is None or asked[local].any()):
+            if portion.n_rays and (local is None or (some and asked[local].any())):
                 chosen.append(index)
         return sorted(chosen, key=lambda index: self.map.portions[index].first_ray)
 
@@ -197,7 +199,8 @@ class Scan:
         for visit in self.visits(everything=self.grouped):
             for total, more in zip(totals, visit.totals, strict=True):
                 total.by_source = total.by_source + more.by_source
-                total.by_label = total.by_label + more.by_label
+                if more.by_label is not None:
+                    total.by_label = total.by_label + more.by_label
             self.report(int(totals[0].by_source.rays.sum()))
         if (self.damaged or not self.complete) and self.verdicts.base and not self.grouped:
             self._recount(totals)
@@ -275,24 +278,25 @@ class Scan:
         packed = [np.packbits(mask) for mask in found.masks] if self.keep_masks else ()
         return _Visit(index, totals, packed, product)
 
-    def _fresh(self, found: Found, number: int, everything: bool) -> Totals:
+    def _fresh(self, found: Found, number: int, everything: bool) -> _Fresh:
         """Tallies of the rays of one criterion that the merged paths have not counted."""
         mask, certain = found.masks[number], found.certain[number]
         if not everything:
             if mask is certain:
-                return self._nothing()
+                return _Fresh(Tally.zeros(self.n_sources), None)
             mask = mask & ~certain
         rays = np.flatnonzero(mask)
         if not len(rays):
-            return self._nothing()
+            return _Fresh(Tally.zeros(self.n_sources), None)
         portion, paths = found.portion, found.paths.of_ray[rays]
         weight = portion.column("weight").astype(np.float64)[rays] if portion.has_weights else None
         emission = portion.column("emission")[rays] if portion.grouped else None
         source = found.paths.base.source[paths]
         by_source = Tally.of_rays(source, weight, emission, self.n_sources)
-        if not found.paths.is_merged:
-            return Totals(by_source, Tally.zeros(self.n_labels))
-        return Totals(by_source, Tally.of_rays(self.labels[paths], weight, emission, self.n_labels))
+        if not found.paths.is_merged or self.labels is None:
+            return _Fresh(by_source, None)
+        by_label = Tally.of_rays(self.labels[paths], weight, emission, self.n_labels)
+        return _Fresh(by_source, by_label)
 
     # -- sums ----------------------------------------------------------------------------------
 
@@ -307,12 +311,14 @@ class Scan:
         chosen = np.flatnonzero(self.verdicts.pairs[number].certain)
         return self._of_paths(base, chosen, self.labels)
 
-    def _of_paths(self, base: PathContext, chosen: Ints, labels: Ints) -> Totals:
+    def _of_paths(self, base: PathContext, chosen: Ints, labels: Ints | None) -> Totals:
         paths = base.paths
         sums = paths.rays[chosen], paths.sum_w[chosen], paths.sum_w2[chosen]
         return Totals(
             Tally.of_paths(paths.source[chosen], *sums, self.n_sources),
-            Tally.of_paths(labels[chosen], *sums, self.n_labels),
+            Tally.zeros(0)
+            if labels is None
+            else Tally.of_paths(labels[chosen], *sums, self.n_labels),
         )
 
     def _recount(self, totals: list[Totals]) -> None:
@@ -333,7 +339,8 @@ class Scan:
                 continue
             for number, total in enumerate(totals):
                 chosen = np.flatnonzero(self.verdicts.pairs[number].certain[local])
-                more = self._of_paths(own, chosen, self.labels[local])
+                labels = None if self.labels is None else self.labels[local]
+                more = self._of_paths(own, chosen, labels)
                 total.by_source = total.by_source + more.by_source
                 total.by_label = total.by_label + more.by_label
 

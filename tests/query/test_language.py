@@ -145,6 +145,7 @@ def test_deep_nesting_is_an_error_and_no_crash() -> None:
         ("hit(rough > 1)", r"nearest: roughness"),
         ('path("lamb .*")', r"begins with the source"),
         ('path("lamp L9 .*")', r'"L9"'),
+        ('path("lamp L2.front .*", exact)', r"goes by its own: L1.back"),
         ("length > 3 deg", r"a length is measured in"),
         ("bounces > 3 mm", r"takes no unit"),
         ("flux > 1 lm", r"the flux of this map is measured in"),
