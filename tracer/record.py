@@ -201,7 +201,7 @@ class _Run:
             # Compile what encodes portions before the clock starts
             self.writer.encode(replace(pilot, channel_set=self.channel_set), 0)
         fitting = 0.8 * PORTION_RECORDS * pilot.n_rays / pilot.n_records
-        return max(64, min(PORTION_RAYS, 2 ** int(np.log2(fitting))))
+        return max(64, min(PORTION_RAYS, 1 << int(np.log2(fitting))))
 
     def go(self, executor: Executor | None) -> RecordResult:
         if self.writer:

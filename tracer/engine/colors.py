@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from raymap.kernels import inner_kernel
 from tracer.engine.buffers import COLORS
-from tracer.geometry.kinds import F64, I64
+from tracer.geometry.kinds import F64, I64, Integer
 
 __all__ = ["mean_of", "pick_channel", "recolor"]
 
@@ -22,7 +22,7 @@ __all__ = ["mean_of", "pick_channel", "recolor"]
 @inner_kernel
 def pick_channel(colors: F64, code: int, u: float) -> int:
     """A channel of the ray, with the probability of its share."""
-    n_channels = colors.shape[1]
+    n_channels: int = colors.shape[1]
     if code < n_channels:
         return code
     row = code - n_channels
@@ -35,11 +35,11 @@ def pick_channel(colors: F64, code: int, u: float) -> int:
 
 
 @inner_kernel
-def mean_of(colors: F64, code: int, table: F64, row: int, column: int) -> float:
+def mean_of(colors: F64, code: int, table: F64, row: Integer, column: Integer) -> float:
     """Mean of a quantity over the light of the ray."""
-    n_channels = colors.shape[1]
+    n_channels: int = colors.shape[1]
     if code < n_channels:
-        return table[row, column + code]
+        return float(table[row, column + code])
     total = 0.0
     for k in range(n_channels):
         total += colors[code - n_channels, k] * table[row, column + k]
@@ -47,9 +47,11 @@ def mean_of(colors: F64, code: int, table: F64, row: int, column: int) -> float:
 
 
 @inner_kernel
-def recolor(colors: F64, code: int, table: F64, row: int, column: int, counters: I64) -> int:
+def recolor(
+    colors: F64, code: int, table: F64, row: Integer, column: Integer, counters: I64
+) -> int:
     """Code of the colour c_i w_i / Σ c_i w_i; the same code where all w_i are equal."""
-    n_channels = colors.shape[1]
+    n_channels: int = colors.shape[1]
     if code < n_channels:
         return code
     old = code - n_channels
@@ -60,7 +62,7 @@ def recolor(colors: F64, code: int, table: F64, row: int, column: int, counters:
         equal = equal and table[row, column + k] == table[row, column]
     if equal or not total > 0.0:
         return code
-    new = counters[COLORS]
+    new = int(counters[COLORS])
     counters[COLORS] = new + 1
     for k in range(n_channels):
         colors[new, k] = colors[old, k] * table[row, column + k] / total

@@ -335,7 +335,7 @@ def _to_sphere(sphere: F64, x: float, y: float, z: float, dx: float, dy: float, 
     wx, wy, wz = x - sphere[0], y - sphere[1], z - sphere[2]
     b = wx * dx + wy * dy + wz * dz
     c = wx * wx + wy * wy + wz * wz - sphere[3] * sphere[3]
-    return max(0.0, -b + math.sqrt(max(0.0, b * b - c)))
+    return float(max(0.0, -b + math.sqrt(max(0.0, b * b - c))))
 
 
 @inner_kernel

@@ -15,7 +15,7 @@ import numpy as np
 from raymap.kernels import inner_kernel
 from tracer.engine.buffers import BUNDLE, HIT, KEY, ORDER, T
 from tracer.engine.buffers import OWN as LIVE_OWN
-from tracer.geometry.kinds import F64, I64
+from tracer.geometry.kinds import F64, I64, Integer
 from tracer.geometry.nearest import DISTANCE, OWN, nearest_on_face
 from tracer.scene.arrays import F_KIND
 
@@ -41,7 +41,7 @@ def sort_by_departure(live_i: I64, n: int, bins: I64) -> None:
 
 @inner_kernel
 def nearest_hits(
-    face_i: I64, face_f: F64, pool: F64, first: I64, face: I64, distance: F64, live_f: F64,
+    face_i: I64, face_f: F64, pool: F64 | None, first: I64, face: I64, distance: F64, live_f: F64,
     live_i: I64, n: int, bundle_f: F64, bundle_i: I64, bins: I64,
 ) -> None:  # fmt: skip
     """Set distance and face met next of ``n`` rays (inf and -1 where nothing is met)."""
@@ -91,7 +91,7 @@ def _gather(live_f: F64, live_i: I64, start: int, m: int, bundle_f: F64, bundle_
 
 
 @inner_kernel
-def _count_beyond(bundle_f: F64, row: int, bound: float, m: int) -> int:
+def _count_beyond(bundle_f: F64, row: Integer, bound: float, m: int) -> int:
     count = 0
     for j in range(m):
         count += bundle_f[DISTANCE + row, j] > bound
@@ -100,7 +100,7 @@ def _count_beyond(bundle_f: F64, row: int, bound: float, m: int) -> int:
 
 @inner_kernel
 def _keep_beyond(
-    live_f: F64, live_i: I64, bundle_f: F64, bundle_i: I64, row: int, bound: float, m: int
+    live_f: F64, live_i: I64, bundle_f: F64, bundle_i: I64, row: Integer, bound: float, m: int
 ) -> int:
     """Hand back the rays that are settled, pack the others."""
     kept = 0

@@ -160,7 +160,7 @@ def _metal(
     """Reflectance of a mirror in one channel: constant, or Fresnel's of a metal."""
     metal = surface_i[surface, S_METAL]
     if metal < 0:
-        return surface_f[surface, SURFACE_ROW + channel]
+        return float(surface_f[surface, SURFACE_ROW + channel])
     place = metal + 2 * channel
     return fresnel_conductor(medium_f[medium, channel], tables[place], tables[place + 1], cosine)
 

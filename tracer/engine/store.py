@@ -101,7 +101,7 @@ def store_block(
         ray_i[N_RECORDS, ray] += 1
     # Copy the records there
     for k in range(total):
-        r = np.int64(order[k])
+        r = int(order[k])
         place = n_records + k
         columns.position[place, 0] = real[r, X]
         columns.position[place, 1] = real[r, Y]
@@ -144,7 +144,7 @@ def _place_descriptors(
 ) -> None:
     """Write the descriptors of one segment by rising distance."""
     count = words[r, COUNT]
-    d = np.int64(words[r, CHAIN])
+    d = int(words[r, CHAIN])
     for _ in range(count):
         # Rank among the descriptors of the segment; equal distances keep the order of detectors
         rank = 0
@@ -163,7 +163,7 @@ def _place_descriptors(
         columns.uv[k, 1] = w[D_UV] >> 16
         columns.cosine[k] = w[D_COSINE]
         columns.registered[k] = w[D_REGISTERED] != 0
-        d = np.int64(w[D_PREVIOUS])
+        d = int(w[D_PREVIOUS])
 
 
 @inner_kernel
@@ -172,7 +172,7 @@ def _quantise(colors: F64, row: int, table: U16, place: int) -> None:
     n_channels = colors.shape[1]
     rest = 65535
     for k in range(n_channels):
-        value = np.int64(colors[row, k] * 65535.0)
+        value = int(colors[row, k] * 65535.0)
         table[place, k] = value
         rest -= value
     for _ in range(rest):

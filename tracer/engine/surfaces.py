@@ -50,8 +50,8 @@ _SPECULAR = _REFLECTED | _REFRACTED | _TIR
 
 @inline_kernel
 def meet_surface(
-    surface_i: I64, surface_f: F64, medium_i: I64, medium_f: F64, tables: F64, surface: int,
-    medium: int, other: int, dx: float, dy: float, dz: float,
+    surface_i: I64, surface_f: F64, medium_i: I64, medium_f: F64, tables: F64 | None,
+    surface: int, medium: int, other: int, dx: float, dy: float, dz: float,
     nx: float, ny: float, nz: float, cosine: float, code: int, colors: F64, counters: I64,
     state: np.uint64, follow: int,
 ) -> Outcome:  # fmt: skip
@@ -66,15 +66,11 @@ def meet_surface(
             surface_i, surface_f, medium_i, medium_f, tables, surface, medium, other, dx, dy, dz,
             nx, ny, nz, cos_i, code, colors, counters, state, follow,
         )  # fmt: skip
-        if surface_i[surface, S_TABLE] >= 0 and happened & _SPECULAR != 0:
-            side = -1.0 if crosses else 1.0
-            scattered, dx, dy, dz, code, state = scatter_specular(
-                surface_i, tables, surface, side * nx, side * ny, side * nz, dx, dy, dz, code,
+        if tables is not None:
+            happened, dx, dy, dz, code, state = _scatter_if_specular(
+                surface_i, tables, surface, happened, crosses, nx, ny, nz, dx, dy, dz, code,
                 colors, counters, state,
             )  # fmt: skip
-            if scattered:
-                glossy = _GLOSSY_TRANSMISSION if crosses else _GLOSSY_REFLECTION
-                happened = (happened & _SELECT) | glossy
         return happened, crosses, dx, dy, dz, code, state
     if kind == ABSORBER:
         return _ABSORBED, False, dx, dy, dz, code, state
@@ -82,6 +78,8 @@ def meet_surface(
         return _meet_lambertian(
             surface_f, surface, dx, dy, dz, nx, ny, nz, code, colors, counters, state
         )
+    if tables is None:
+        return _ABSORBED, False, dx, dy, dz, code, state
     return meet_scatterer(
         surface_i, surface_f, medium_f, tables, surface, medium, other, dx, dy, dz, nx, ny, nz,
         cos_i, code, colors, counters, state,
@@ -90,8 +88,8 @@ def meet_surface(
 
 @inline_kernel
 def _meet_dielectric(
-    surface_i: I64, surface_f: F64, medium_i: I64, medium_f: F64, tables: F64, surface: int,
-    medium: int, other: int, dx: float, dy: float, dz: float,
+    surface_i: I64, surface_f: F64, medium_i: I64, medium_f: F64, tables: F64 | None,
+    surface: int, medium: int, other: int, dx: float, dy: float, dz: float,
     nx: float, ny: float, nz: float, cos_i: float, code: int, colors: F64, counters: I64,
     state: np.uint64, follow: int,
 ) -> Outcome:  # fmt: skip
@@ -123,7 +121,7 @@ def _meet_dielectric(
             reflectance = surface_f[surface, SURFACE_ROW + k]
         else:
             place = surface_i[surface, S_METAL] + k * surface_i[surface, S_TRANSMITTED]
-            reflectance, transmittance = coating_share(tables, place, n1, n2, cos_i)
+            reflectance, transmittance = _coating(tables, place, n1, n2, cos_i)
             if u >= reflectance + transmittance and follow == 0:
                 return _ABSORBED, False, dx, dy, dz, code, state
         if u >= reflectance or follow == 1:
@@ -140,7 +138,7 @@ def _meet_dielectric(
             # A coating that absorbs frustrates total reflection
             state = advance(state)
             place = surface_i[surface, S_METAL] + k * surface_i[surface, S_TRANSMITTED]
-            reflectance, _ = coating_share(tables, place, n1, n2, cos_i)
+            reflectance, _ = _coating(tables, place, n1, n2, cos_i)
             if uniform(state) >= reflectance:
                 return _ABSORBED, False, dx, dy, dz, code, state
     if select:
@@ -173,7 +171,7 @@ def _fresnel(n1: float, n2: float, cos_i: float, cos_t: float) -> float:
 
 @inner_kernel
 def _recolor_reflected(
-    surface_i: I64, surface_f: F64, medium_f: F64, tables: F64, surface: int, medium: int,
+    surface_i: I64, surface_f: F64, medium_f: F64, tables: F64 | None, surface: int, medium: int,
     other: int, cos_i: float, code: int, colors: F64, counters: I64,
 ) -> int:  # fmt: skip
     """Colour after reflection where each channel has its own reflectance; total stays total."""
@@ -182,9 +180,7 @@ def _recolor_reflected(
         reflectance = fresnel_reflectance(medium_f[medium, j], medium_f[other, j], cos_i)
         if surface_i[surface, S_MODEL] == 2:
             place = surface_i[surface, S_METAL] + j * surface_i[surface, S_TRANSMITTED]
-            reflectance, _ = coating_share(
-                tables, place, medium_f[medium, j], medium_f[other, j], cos_i
-            )
+            reflectance, _ = _coating(tables, place, medium_f[medium, j], medium_f[other, j], cos_i)
         elif reflectance < 1.0 and surface_i[surface, S_MODEL] != 0:
             reflectance = surface_f[surface, SURFACE_ROW + j]
         colors[spare, j] = reflectance
@@ -222,3 +218,32 @@ def _diffuse(
     state = advance(state)
     dx, dy, dz = about(nx, ny, nz, cosine, 2.0 * math.pi * uniform(state))
     return dx, dy, dz, state
+
+
+@inline_kernel
+def _coating(
+    tables: F64 | None, place: int, n1: float, n2: float, cos_i: float
+) -> tuple[float, float]:
+    if tables is None:
+        return 0.0, 1.0
+    return coating_share(tables, place, n1, n2, cos_i)
+
+
+@inner_kernel
+def _scatter_if_specular(
+    surface_i: I64, tables: F64, surface: int, happened: int, crosses: bool, nx: float, ny: float,
+    nz: float, dx: float, dy: float, dz: float, code: int, colors: F64, counters: I64,
+    state: np.uint64,
+) -> tuple[int, float, float, float, int, np.uint64]:  # fmt: skip
+    """Give the surface's scatter its share of light that was reflected or refracted."""
+    if surface_i[surface, S_TABLE] < 0 or happened & _SPECULAR == 0:
+        return happened, dx, dy, dz, code, state
+    side = -1.0 if crosses else 1.0
+    scattered, dx, dy, dz, code, state = scatter_specular(
+        surface_i, tables, surface, side * nx, side * ny, side * nz, dx, dy, dz, code, colors,
+        counters, state,
+    )  # fmt: skip
+    if scattered:
+        glossy = _GLOSSY_TRANSMISSION if crosses else _GLOSSY_REFLECTION
+        happened = (happened & _SELECT) | glossy
+    return happened, dx, dy, dz, code, state

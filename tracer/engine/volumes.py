@@ -23,8 +23,8 @@ _ABSORPTION = int(Event.VOLUME_ABSORPTION)
 
 @inner_kernel
 def fly_freely(
-    medium_i: I64, medium_f: F64, tables: F64, medium: int, t: float, dx: float, dy: float,
-    dz: float, code: int, colors: F64, counters: I64, state: np.uint64,
+    medium_i: I64, medium_f: F64, tables: F64 | None, medium: int, t: float, dx: float,
+    dy: float, dz: float, code: int, colors: F64, counters: I64, state: np.uint64,
 ) -> tuple[int, float, float, float, float, int, np.uint64]:  # fmt: skip
     """Fly at most ``t`` through ``medium``.
 
@@ -36,6 +36,8 @@ def fly_freely(
     -------
     event, t, dx, dy, dz, code, state : event 0 where the ray gets through
     """
+    if tables is None:
+        return 0, t, dx, dy, dz, code, state
     n_channels = colors.shape[1]
     mixed = code >= n_channels and medium_i[medium, M_PARTICIPATING] == 2
     k = 0

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -169,7 +170,8 @@ class _Assembly:
             return
         sizes = [h if n <= h else n + n // 2 for n, h in zip(need, have, strict=True)]
         self.columns = self._allocate(*sizes)
-        for new, previous in zip(self.columns, old, strict=True):
+        pairs: Any = zip(self.columns, old, strict=True)
+        for new, previous in pairs:
             new[: len(previous)] = previous
 
     def portion(
@@ -178,7 +180,7 @@ class _Assembly:
         c = self.columns
         n_rays, n_records, n_descriptors, n_colors = (int(n) for n in self.filled)
 
-        def cut(array: NDArray[np.generic], n: int) -> NDArray[np.generic]:
+        def cut(array: Any, n: int) -> Any:
             return array[:n].copy() if copy else array[:n]
 
         places = np.arange(first_ray, first_ray + n_rays) % len(scene.pattern)

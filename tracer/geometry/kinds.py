@@ -33,6 +33,7 @@ __all__ = [
     "CYLINDER",
     "F64",
     "I64",
+    "Integer",
     "POLYGON",
     "RECTANGLE",
     "ROW",
@@ -41,6 +42,7 @@ __all__ = [
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
+Integer = int | np.int64
 
 ROW = 16
 ANNULUS = 0

@@ -25,6 +25,7 @@ from tracer.geometry.kinds import (
     POLYGON,
     RECTANGLE,
     SPHERE,
+    Integer,
 )
 
 __all__ = ["DISTANCE", "OWN", "nearest_on_face"]
@@ -34,7 +35,7 @@ DISTANCE = 6
 
 
 @inner_kernel
-def _annulus(table: F64, f: int, r: F64, h: I64, row: int, m: int) -> None:
+def _annulus(table: F64, f: int, r: F64, h: I64, row: Integer, m: int) -> None:
     s = table[f]
     ox, oy, oz, nx, ny, nz, inner, outer = s[0], s[1], s[2], s[3], s[4], s[5], s[6], s[7]
     b_in, b_out = 1 + row, 2 - row
@@ -54,7 +55,7 @@ def _annulus(table: F64, f: int, r: F64, h: I64, row: int, m: int) -> None:
 
 
 @inner_kernel
-def _rectangle(table: F64, f: int, r: F64, h: I64, row: int, m: int) -> None:
+def _rectangle(table: F64, f: int, r: F64, h: I64, row: Integer, m: int) -> None:
     s = table[f]
     ox, oy, oz, nx, ny, nz = s[0], s[1], s[2], s[3], s[4], s[5]
     ux, uy, uz, vx, vy, vz, width, height = s[6], s[7], s[8], s[9], s[10], s[11], s[12], s[13]
@@ -76,7 +77,7 @@ def _rectangle(table: F64, f: int, r: F64, h: I64, row: int, m: int) -> None:
 
 
 @inner_kernel
-def _polygon(table: F64, f: int, pool: F64, r: F64, h: I64, row: int, m: int) -> None:
+def _polygon(table: F64, f: int, pool: F64, r: F64, h: I64, row: Integer, m: int) -> None:
     s = table[f]
     ox, oy, oz, nx, ny, nz = s[0], s[1], s[2], s[3], s[4], s[5]
     first, count = int(s[6]), int(s[7])
@@ -99,7 +100,7 @@ def _polygon(table: F64, f: int, pool: F64, r: F64, h: I64, row: int, m: int) ->
 
 
 @inner_kernel
-def _sphere(table: F64, f: int, r: F64, h: I64, row: int, m: int) -> None:
+def _sphere(table: F64, f: int, r: F64, h: I64, row: Integer, m: int) -> None:
     s = table[f]
     vx, vy, vz, ax, ay, az, radius, sag = s[0], s[1], s[2], s[3], s[4], s[5], s[6], s[7]
     b_in, b_out = 1 + row, 2 - row
@@ -126,7 +127,7 @@ def _sphere(table: F64, f: int, r: F64, h: I64, row: int, m: int) -> None:
 
 
 @inner_kernel
-def _cylinder(table: F64, f: int, r: F64, h: I64, row: int, m: int) -> None:
+def _cylinder(table: F64, f: int, r: F64, h: I64, row: Integer, m: int) -> None:
     s = table[f]
     ox, oy, oz, ax, ay, az = s[0], s[1], s[2], s[3], s[4], s[5]
     radius, low, high = s[6], s[7], s[8]
@@ -162,7 +163,7 @@ def _cylinder(table: F64, f: int, r: F64, h: I64, row: int, m: int) -> None:
 
 
 @inner_kernel
-def _cone(table: F64, f: int, r: F64, h: I64, row: int, m: int) -> None:
+def _cone(table: F64, f: int, r: F64, h: I64, row: Integer, m: int) -> None:
     s = table[f]
     ox, oy, oz, ax, ay, az = s[0], s[1], s[2], s[3], s[4], s[5]
     radius, slope, low, high = s[6], s[7], s[8], s[9]
@@ -194,7 +195,7 @@ def _cone(table: F64, f: int, r: F64, h: I64, row: int, m: int) -> None:
 
 
 @inner_kernel
-def _conic(table: F64, f: int, r: F64, h: I64, row: int, m: int) -> None:
+def _conic(table: F64, f: int, r: F64, h: I64, row: Integer, m: int) -> None:
     s = table[f]
     vx, vy, vz, ax, ay, az = s[0], s[1], s[2], s[3], s[4], s[5]
     curvature, shape, outer = s[6], s[7], s[8]
@@ -233,7 +234,7 @@ def _conic(table: F64, f: int, r: F64, h: I64, row: int, m: int) -> None:
 
 @inner_kernel
 def nearest_on_face(
-    kind: int, table: F64, f: int, pool: F64, r: F64, h: I64, row: int, m: int
+    kind: int, table: F64, f: int, pool: F64 | None, r: F64, h: I64, row: Integer, m: int
 ) -> None:
     """Improve the nearest hit of ``m`` rays by face ``f``.
 
@@ -241,7 +242,7 @@ def nearest_on_face(
     ----------
     kind : of the face (`tracer.geometry.kinds`)
     table : (n_faces, ROW) parameter rows of all faces
-    pool : half-planes of polygons
+    pool : half-planes of polygons; None says that only the four common kinds occur
     r : (8, >= m) origin x, y, z, direction x, y, z, and two rows of distances
     h : (3, >= m) face on which each ray starts (-1 none), and two rows of faces met
     row : which of the two rows holds the nearest hit so far; the other one is written
@@ -254,7 +255,16 @@ def nearest_on_face(
         _cylinder(table, f, r, h, row, m)
     elif kind == RECTANGLE:
         _rectangle(table, f, r, h, row, m)
-    elif kind == POLYGON:
+    elif pool is not None:
+        _nearest_on_rare_face(kind, table, f, pool, r, h, row, m)
+
+
+@inner_kernel
+def _nearest_on_rare_face(
+    kind: int, table: F64, f: int, pool: F64, r: F64, h: I64, row: Integer, m: int
+) -> None:
+    """Faces that many scenes do without."""
+    if kind == POLYGON:
         _polygon(table, f, pool, r, h, row, m)
     elif kind == CONE:
         _cone(table, f, r, h, row, m)
@@ -280,7 +290,7 @@ def asphere_sag(s: F64, r2: float) -> tuple[float, float]:
 
 
 @inner_kernel
-def asphere_nearest(table: F64, f: int, r: F64, h: I64, row: int, m: int) -> None:
+def asphere_nearest(table: F64, f: int, r: F64, h: I64, row: Integer, m: int) -> None:
     """Walk along each ray through the slab of the surface, then close in on the first crossing."""
     s = table[f]
     vx, vy, vz, ax, ay, az, outer = (

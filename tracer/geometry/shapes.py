@@ -181,7 +181,7 @@ class Rectangle:
 
     def corners(self) -> Array:
         u, v = self.u * self.size[0] / 2.0, self.v * self.size[1] / 2.0
-        return self.origin + np.array([-u - v, u - v, u + v, v - u])
+        return np.asarray(self.origin + np.array([-u - v, u - v, u + v, v - u]))
 
     def bounds(self) -> Bounds:
         corners = self.corners()

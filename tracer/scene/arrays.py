@@ -72,18 +72,22 @@ COLLIMATED, LAMBERTIAN_CONE, UNIFORM_CONE = range(3)
 class CompiledScene(NamedTuple):
     """All that a trace needs.
 
-    face_i (n, 9), face_f (n, 16), pool : analytic faces; half-planes of polygons
+    face_i (n, 9), face_f (n, 16), pool : analytic faces; half-planes of polygons. ``pool`` is None
+        where all faces are flat rings, rectangles, spheres or cylinders
     surface_i, surface_f, medium_i, medium_f, body_i, source_i, source_f, detector_i, detector_f
     pattern : deals ray numbers to sources
     first, face, distance : candidate lists (`tracer.scene.candidates`)
-    tables : flat pool of all sampled functions
+    tables : flat pool of all sampled functions; None where no medium absorbs or scatters and all
+        surfaces absorb, are bare or of constant reflectance, or Lambertian
+
+    The compiler leaves out what None says is not needed: simple scenes start sooner.
     sphere : center and radius of the bounding sphere
     limits : most points of a ray, medium of the world, whether any detector is virtual
     """
 
     face_i: I64
     face_f: F64
-    pool: F64
+    pool: F64 | None
     surface_i: I64
     surface_f: F64
     medium_i: I64
@@ -97,11 +101,11 @@ class CompiledScene(NamedTuple):
     first: I64
     face: I64
     distance: F64
-    tables: F64
+    tables: F64 | None
     sphere: F64
     limits: I64
 
     @property
     def n_channels(self) -> int:
         """Number of colour channels (host only)."""
-        return self.source_f.shape[1] - SOURCE_ROW
+        return int(self.source_f.shape[1]) - SOURCE_ROW

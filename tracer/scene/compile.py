@@ -24,14 +24,22 @@ from raymap.directory import (
 )
 from raymap.errors import SceneError
 from tracer.geometry.bodies import Body, FacePlan, LensBody
-from tracer.geometry.kinds import ROW
+from tracer.geometry.kinds import ANNULUS, CYLINDER, RECTANGLE, ROW, SPHERE
 from tracer.geometry.shapes import Polygon, Rectangle, Shape
 from tracer.scene.arrays import (
+    ABSORBER,
     COLLIMATED,
+    DIELECTRIC,
+    F_KIND,
     FROM_DISC,
     FROM_POINT,
     FROM_RECTANGLE,
+    LAMBERTIAN,
     LAMBERTIAN_CONE,
+    M_PARTICIPATING,
+    S_KIND,
+    S_MODEL,
+    S_TABLE,
     SOURCE_ROW,
     UNIFORM_CONE,
     CompiledScene,
@@ -162,7 +170,7 @@ class _Compiler:
         arrays = CompiledScene(
             face_i=face_i,
             face_f=face_f,
-            pool=pool,
+            pool=None if set(face_i[:, F_KIND].tolist()) <= _COMMON_FACES else pool,
             surface_i=surface_i,
             surface_f=surface_f,
             medium_i=self.media.integers,
@@ -182,7 +190,7 @@ class _Compiler:
             first=first,
             face=face,
             distance=distance,
-            tables=tables,
+            tables=tables if _needs_tables(surface_i, self.media.integers) else None,
             sphere=np.array([*center, radius]),
             limits=np.array(
                 [
@@ -244,7 +252,7 @@ class _Compiler:
                     f"{_nearest(wrong, {plan.name: 0 for plan in plans})}",
                 )
             solid = self.solids.index(name) if name in self.solids else -1
-            faces = []
+            faces: list[Face] = []
             for plan in plans:
                 surface = self._surface_number(
                     body.faces.get(plan.name, plan.surface or body.surface),
@@ -322,7 +330,8 @@ class _Compiler:
         return np.min([box[0] for box in boxes], axis=0), np.max([box[1] for box in boxes], axis=0)
 
     def _faces(self, primitives: list[_Primitive]) -> tuple[Integers, Array, Array]:
-        integers, rows, pool = [], [], []
+        integers, rows = [], []
+        pool: list[Array] = []
         for p in primitives:
             row = p.shape.row()
             if isinstance(p.shape, Polygon):
@@ -488,6 +497,16 @@ class _Compiler:
         )
 
 
+_COMMON_FACES = {ANNULUS, RECTANGLE, SPHERE, CYLINDER}
+
+
+def _needs_tables(surface_i: Integers, medium_i: Integers) -> bool:
+    """Whether the engine must know more than plain surfaces and clear media."""
+    plain = np.isin(surface_i[:, S_KIND], (ABSORBER, DIELECTRIC, LAMBERTIAN))
+    plain &= (surface_i[:, S_TABLE] < 0) & (surface_i[:, S_MODEL] != 2)
+    return not bool(np.all(plain)) or bool(np.any(medium_i[:, M_PARTICIPATING]))
+
+
 def _rows(array: Array) -> Any:
     return tuple(tuple(row) for row in np.asarray(array, float).tolist())
 
@@ -525,13 +544,7 @@ def _parameters(model: Any) -> dict[str, Any]:
     """What the user gave, as plain values that JSON can hold."""
     given: dict[str, Any] = json.loads(model.model_dump_json(exclude_unset=True))
     given.pop("kind", None)
-    return _finite(given)
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    return value
+    return given
 
 
 _HASHED = (

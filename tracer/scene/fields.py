@@ -50,14 +50,14 @@ class ByWavelength(Node):
         """Values at the channels; R, G, B stand for three wavelengths between which is drawn."""
         if self.rgb is not None:
             order = np.argsort(rgb_nm)
-            return np.interp(wavelengths_nm, rgb_nm[order], np.array(self.rgb)[order])
+            return np.asarray(np.interp(wavelengths_nm, rgb_nm[order], np.array(self.rgb)[order]))
         table = np.array(self.wavelength_nm)
         if wavelengths_nm.min() < table[0] or wavelengths_nm.max() > table[-1]:
             raise SceneError(
                 f"a table covers {table[0]:g} to {table[-1]:g} nm, the trace needs "
                 f"{wavelengths_nm.min():g} to {wavelengths_nm.max():g} nm; extend the table"
             )
-        return np.interp(wavelengths_nm, table, np.array(self.value))
+        return np.asarray(np.interp(wavelengths_nm, table, np.array(self.value)))
 
 
 def _wrap(value: Any) -> Any:

@@ -30,7 +30,7 @@ from tracer.scene.arrays import (
 )
 from tracer.scene.fields import ByWavelength
 from tracer.scene.media import MediumTable
-from tracer.scene.model import RGB_NM, MeasuredScatter, SurfaceModel
+from tracer.scene.model import RGB_NM, CoatingLayer, MeasuredScatter, SurfaceModel
 
 __all__ = ["SurfaceTable"]
 
@@ -157,8 +157,7 @@ class SurfaceTable:
             )
             layers = [
                 coatings.Layer(
-                    index=self._at(layer.index, place)
-                    + 1j * (self._at(layer.extinction, place) if layer.extinction else 0.0),
+                    index=self._complex(layer, place),
                     thickness_nm=layer.thickness_nm,
                 )
                 for layer in given.layers
@@ -172,6 +171,12 @@ class SurfaceTable:
             given.transmittance,
             name=name,
         )
+
+    def _complex(self, layer: CoatingLayer, place: str) -> NDArray[np.complex128]:
+        index = np.asarray(self._at(layer.index, place), np.complex128)
+        if layer.extinction is not None:
+            index = index + 1j * self._at(layer.extinction, place)
+        return index
 
     def _scatter(self, model: SurfaceModel, name: str) -> tuple[int, int]:
         """Place of the tables of scatter, and the step per channel (0: one table for all)."""
