@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from raymap.directory import DisplayMesh
 from raymap.errors import SceneError
-from raymap.kernels import kernel
+from raymap.kernels import inner_kernel, kernel
 
 __all__ = [
     "MeshWarning",
@@ -235,9 +235,7 @@ def check_solid(mesh: TriangleMesh) -> None:
 
 def _check_parts(mesh: TriangleMesh) -> None:
     """Refuse a part that is inside out and is no cavity: it lies in no other part's box."""
-    first, around = triangles_around(len(mesh.vertices), mesh.triangles)
-    normals = np.zeros((len(mesh.triangles), 3))
-    root = _join_flat(mesh.triangles, normals, first, around, -1.0)
+    root = _groups(len(mesh.triangles), *_neighbours(mesh.triangles))
     parts, member = np.unique(root, return_inverse=True)
     if len(parts) == 1:
         return
@@ -292,8 +290,9 @@ def faces_by_angle(mesh: TriangleMesh, angle_deg: float = 30.0) -> TriangleMesh:
     """
     normals = _normals(mesh.vertices, mesh.triangles)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    first, around = triangles_around(len(mesh.vertices), mesh.triangles)
-    root = _join_flat(mesh.triangles, normals, first, around, math.cos(math.radians(angle_deg)))
+    a, b = _neighbours(mesh.triangles)
+    flat = np.einsum("ij,ij->i", normals[a], normals[b]) >= math.cos(math.radians(angle_deg))
+    root = _groups(len(mesh.triangles), a[flat], b[flat])
     _, start, number = np.unique(root, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(start, kind="stable"), kind="stable")
     return faces_by_label(mesh, [f"face_{rank[k] + 1}" for k in number.reshape(-1)])
@@ -327,39 +326,30 @@ def _normals(vertices: F64, triangles: NDArray[Any]) -> F64:
     return np.asarray(np.cross(b - a, c - a))
 
 
-@kernel
-def _join_flat(triangles: I32, normals: F64, first: I64, around: I32, limit: float) -> I64:
-    """Root of each triangle's group: union-find over the edges flatter than ``limit``."""
-    root = np.arange(len(triangles))
-    for row in range(len(triangles)):
-        for corner in range(3):
-            a, b = triangles[row, corner], triangles[row, (corner + 1) % 3]
-            for place in range(first[a], first[a + 1]):
-                other = around[place]
-                if other <= row:
-                    continue
-                shares = False
-                for k in range(3):
-                    shares = shares or triangles[other, k] == b
-                if not shares:
-                    continue
-                cosine = 0.0
-                for k in range(3):
-                    cosine += normals[row, k] * normals[other, k]
-                if cosine >= limit:
-                    i, j = _root(root, row), _root(root, other)
-                    root[max(i, j)] = min(i, j)
-    for row in range(len(triangles)):
-        root[row] = _root(root, row)
-    return root
+def _neighbours(triangles: NDArray[Any]) -> tuple[I64, I64]:
+    """Pairs of triangles with a common edge."""
+    rows = triangles.astype(np.int64)
+    start, end = rows.ravel(), rows[:, [1, 2, 0]].ravel()
+    edge = np.minimum(start, end) * (rows.max() + 1) + np.maximum(start, end)
+    order = np.argsort(edge, kind="stable")
+    same = edge[order][1:] == edge[order][:-1]
+    return order[:-1][same] // 3, order[1:][same] // 3
 
 
-@kernel
-def _root(root: I64, row: int) -> int:
-    while root[row] != row:
-        root[row] = root[root[row]]
-        row = root[row]
-    return row
+def _groups(count: int, a: I64, b: I64) -> I64:
+    """Lowest member of the group of each of ``count`` items, where pairs (a, b) join items."""
+    label = np.arange(count)
+    while True:
+        # Hang each root under the lowest neighbouring one, then shorten the chains
+        lowest = np.minimum(label[a], label[b])
+        joined = label.copy()
+        np.minimum.at(joined, label[a], lowest)
+        np.minimum.at(joined, label[b], lowest)
+        while not np.array_equal(joined, joined[joined]):
+            joined = joined[joined]
+        if np.array_equal(joined, label):
+            return label
+        label = joined
 
 
 @kernel
@@ -388,7 +378,7 @@ def _corner_normals(
     return result
 
 
-@kernel
+@inner_kernel
 def _corner_angle(vertices: F64, triangles: I32, row: int, vertex: int) -> float:
     corner = 0
     for k in range(3):

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.kernels import lean_kernel
+from raymap.kernels import inner_kernel, lean_kernel
 from tracer.geometry.embree import INVALID, RAYHIT_WORDS, intersect
 
 __all__ = [
@@ -127,7 +127,7 @@ def mesh_scratch() -> MeshScratch:
     )
 
 
-@lean_kernel
+@inner_kernel
 def _point_to_local(a: F64, b: int, x: float, y: float, z: float) -> tuple[float, float, float]:
     return (
         a[b, 0] * x + a[b, 1] * y + a[b, 2] * z + a[b, 3],
@@ -136,7 +136,7 @@ def _point_to_local(a: F64, b: int, x: float, y: float, z: float) -> tuple[float
     )
 
 
-@lean_kernel
+@inner_kernel
 def _vector_to_local(a: F64, b: int, x: float, y: float, z: float) -> tuple[float, float, float]:
     return (
         a[b, 0] * x + a[b, 1] * y + a[b, 2] * z,
@@ -145,7 +145,7 @@ def _vector_to_local(a: F64, b: int, x: float, y: float, z: float) -> tuple[floa
     )
 
 
-@lean_kernel
+@inner_kernel
 def _normal_to_world(a: F64, b: int, x: float, y: float, z: float) -> tuple[float, float, float]:
     return (
         a[b, 0] * x + a[b, 4] * y + a[b, 8] * z,
@@ -154,7 +154,7 @@ def _normal_to_world(a: F64, b: int, x: float, y: float, z: float) -> tuple[floa
     )
 
 
-@lean_kernel
+@inner_kernel
 def _cross_edges(c: F64, row: int) -> tuple[float, float, float]:
     """Normal of a triangle, local, of twice its area."""
     ax, ay, az = c[row, 3] - c[row, 0], c[row, 4] - c[row, 1], c[row, 5] - c[row, 2]
@@ -162,7 +162,7 @@ def _cross_edges(c: F64, row: int) -> tuple[float, float, float]:
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
 
 
-@lean_kernel
+@inner_kernel
 def _meet(
     c: F64, row: int, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float
 ) -> tuple[float, float, float, float]:
@@ -186,7 +186,7 @@ def _meet(
     return t, u, v, -determinant
 
 
-@lean_kernel
+@inner_kernel
 def _inside(u: float, v: float) -> bool:
     return u >= -_INSIDE and v >= -_INSIDE and u + v <= 1.0 + _INSIDE
 
@@ -228,7 +228,7 @@ def mesh_shading_normal(
     return nx * scale, ny * scale, nz * scale
 
 
-@lean_kernel
+@inner_kernel
 def _close_to_edge(c: F64, row: int, x: float, y: float, z: float, distance: float) -> bool:
     """Whether a point in the plane of a triangle lies within ``distance`` of an edge's line."""
     for corner in range(3):
@@ -247,7 +247,7 @@ def _close_to_edge(c: F64, row: int, x: float, y: float, z: float, distance: flo
     return False
 
 
-@lean_kernel
+@inner_kernel
 def _nearest_around(
     c: F64, triangles: I32, first_around: I64, around: I32, row: int,
     near: float, least: float, limit: float, way: float,
@@ -270,7 +270,7 @@ def _nearest_around(
     return best, found
 
 
-@lean_kernel
+@inner_kernel
 def _decide(
     corners: F64, triangles: I32, first_around: I64, around: I32, to_local: F64, placed: int,
     closed: int, first: F64, k: int, found: int, row: int, own: int, own_row: int, way: float,
@@ -483,7 +483,7 @@ def nearest_on_meshes(
                 normal[0, i], normal[1, i], normal[2, i] = nx * scale, ny * scale, nz * scale
 
 
-@lean_kernel
+@inner_kernel
 def _rim(c: F64, row: int, u: float, v: float) -> tuple[float, float, float]:
     """The point of a triangle with clamped coordinates, local."""
     if not (abs(u) < 1e6 and abs(v) < 1e6):
@@ -499,7 +499,7 @@ def _rim(c: F64, row: int, u: float, v: float) -> tuple[float, float, float]:
     )
 
 
-@lean_kernel
+@inner_kernel
 def _point_to_world(a: F64, b: int, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Solve local = A world + shift by Cramer's rule."""
     x, y, z = x - a[b, 3], y - a[b, 7], z - a[b, 11]
