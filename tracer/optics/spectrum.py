@@ -11,7 +11,7 @@ import csv
 import difflib
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import resources
 from itertools import pairwise
@@ -58,6 +58,8 @@ class SourceSpectrum:
     name : for messages
     wavelength_nm, power_per_nm : (n,) rising wavelengths [nm] and power between them, linear
     line_nm, line_power : (m,) spectral lines beside it
+    open_ended : the range is a convention, not the source's: what lies outside the channels of a
+        trace is left out without a warning
     """
 
     name: str
@@ -65,6 +67,7 @@ class SourceSpectrum:
     power_per_nm: Array = field(default_factory=lambda: np.zeros(0))
     line_nm: Array = field(default_factory=lambda: np.zeros(0))
     line_power: Array = field(default_factory=lambda: np.zeros(0))
+    open_ended: bool = False
 
     @property
     def power(self) -> float:
@@ -130,7 +133,7 @@ class SourceSpectrum:
                 "choose wavelengths where it shines"
             )
         lost = 1.0 - total / self.power
-        if lost > 0.01:
+        if lost > 0.01 and not self.open_ended:
             warnings.warn(
                 f"spectrum {self.name!r}: {100 * lost:.1f} % of its power lies outside the "
                 f"channels of the trace ({span}) and is shared out to them",
@@ -138,6 +141,11 @@ class SourceSpectrum:
                 stacklevel=2,
             )
         return inside / total
+
+    def channel_efficacy(self, channels_nm: ArrayLike) -> float:
+        """Lumen per watt of the light as its channels carry it: 683 Σ share V [lm/W]."""
+        shares = self.channel_shares(channels_nm)
+        return float(shares @ np.atleast_1d(colorimetry.luminous_efficacy(channels_nm)))
 
     def rgb_shares(self) -> Array:
         """Colour of the source in an RGB trace: linear sRGB inside the gamut, summing to 1."""
@@ -250,13 +258,17 @@ def blackbody(temperature: float, *, range_nm: tuple[float, float] = VISIBLE_NM)
         name=f"blackbody {temperature:g} K",
         wavelength_nm=wavelength,
         power_per_nm=np.exp(logarithm - logarithm.max()),
+        open_ended=True,
     )
 
 
 def equal_energy(*, range_nm: tuple[float, float] = VISIBLE_NM) -> SourceSpectrum:
     """The same power per nm everywhere in a range."""
     return SourceSpectrum(
-        name="E", wavelength_nm=np.array(range_nm, np.float64), power_per_nm=np.ones(2)
+        name="E",
+        wavelength_nm=np.array(range_nm, np.float64),
+        power_per_nm=np.ones(2),
+        open_ended=True,
     )
 
 
@@ -348,7 +360,9 @@ def illuminant(name: str) -> SourceSpectrum:
     if wanted == "A":
         wavelength = np.arange(VISIBLE_NM[0], VISIBLE_NM[1] + 0.5)
         values = colorimetry.illuminant_a(wavelength)
-        return SourceSpectrum(name="A", wavelength_nm=wavelength, power_per_nm=values)
+        return SourceSpectrum(
+            name="A", wavelength_nm=wavelength, power_per_nm=values, open_ended=True
+        )
     known = _illuminants()
     if wanted not in known:
         near = difflib.get_close_matches(wanted, illuminant_names(), n=3, cutoff=0.3)
@@ -356,4 +370,4 @@ def illuminant(name: str) -> SourceSpectrum:
             f"there is no illuminant {name!r}"
             + (f"; the nearest names are {', '.join(near)}" if near else "")
         )
-    return tabulated_spectrum(*known[wanted], name=wanted)
+    return replace(tabulated_spectrum(*known[wanted], name=wanted), open_ended=True)

@@ -88,10 +88,21 @@ def test_channels_share_the_power() -> None:
 
 
 def test_power_outside_the_channels() -> None:
-    with pytest.warns(OutOfRangeWarning, match=r"'E': 36\.2 % of its power"):
-        s.equal_energy().channel_shares([450, 550, 650])
+    wide = s.tabulated_spectrum(np.arange(360, 831, 10), np.ones(48))
+    with pytest.warns(OutOfRangeWarning, match=r"'table': 36\.2 % of its power"):
+        wide.channel_shares([450, 550, 650])
+    # The range of an illuminant is only a convention
+    np.testing.assert_allclose(s.equal_energy().channel_shares([450, 550, 650]), 1 / 3)
     with pytest.raises(SceneError, match="no power in the channels"):
         s.lines([1064.0], [1.0]).channel_shares([450, 550])
+
+
+def test_efficacy_as_channels_carry_it() -> None:
+    """With fine channels it is that of the spectrum."""
+    light = s.illuminant("D65")
+    fine = light.channel_efficacy(np.arange(381, 780, 2.0))
+    assert fine == pytest.approx(light.luminous_efficacy, rel=2e-3)
+    assert s.lines([555.0], [1.0]).channel_efficacy([555.0]) == 683.0
 
 
 def test_rgb() -> None:
