@@ -179,7 +179,7 @@ class _Run:
         self.threads = threads
         self.progress = progress
         self.seed = self._seed(seed)
-        self.engine = Wavefront(compilation.arrays, self.seed)
+        self.engine = Wavefront(compilation.arrays, self.seed, meshes=compilation.solids)
         self.tally = Tally(compilation.directory, compilation.channel_set)
         self.channel_set = writer.add_channel_set(compilation.channel_set) if writer else 0
         fitting = self._fitting_rays()

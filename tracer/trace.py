@@ -75,7 +75,7 @@ def trace_rays(
     loaded = scene if isinstance(scene, Scene) else load_scene(scene)
     spectrum = Spectrum(kind="spectral", wavelengths_nm=(wavelength_nm,))
     compilation = compile_scene(loaded.model_copy(update={"spectrum": spectrum}))
-    engine = Wavefront(compilation.arrays, seed, exact=True)
+    engine = Wavefront(compilation.arrays, seed, meshes=compilation.solids, exact=True)
     portion = engine.trace_given(start, along / length, follow=1 if follow == "transmitted" else 0)
     return TracedRays(
         points=np.asarray(portion.extra["exact"], np.float64),

@@ -16,8 +16,8 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tracer.geometry.kinds import F64, I64
-from tracer.scene.arrays import I32, CompiledScene
+from tracer.geometry.kinds import F64, I64, MESH
+from tracer.scene.arrays import F_KIND, I32, CompiledScene
 
 __all__ = ["BUNDLE", "Buffers", "Workspace"]
 
@@ -31,11 +31,16 @@ LIVE, RECORDS, DESCRIPTORS, COLORS, IGNORED = range(5)
 
 # Rows of live_f: origin 0-2, direction 3-5, distance of the face met next, weight
 T, WEIGHT = 6, 7
+# Further rows where there are meshes: the place on the triangle met, the triangle's normal, the
+# normal interpolated there
+MESH_POINT, MESH_NORMAL, MESH_SHADING, MESH_ROWS = 8, 11, 14, 17
 
 # Rows of live_i: face met next, face on which the ray stands (-1 none), departure (list of
 # candidates), order of departure, nest, medium, colour code, random state (bits), ray in the block,
 # its last record
 HIT, OWN, KEY, ORDER, NEST, MEDIUM, CODE, RNG, RAY, LAST = range(10)
+# Further rows where there are meshes: mesh and triangle met, those on which the ray stands
+MESH_BODY, MESH_TRIANGLE, OWN_BODY, OWN_TRIANGLE = range(10, 14)
 
 # Words of a record
 X, Y, Z, NORMAL_XY, NORMAL_Z, TRIANGLE, EVENT, R_MEDIUM, R_CODE, R_RAY, COUNT, CHAIN = range(12)
@@ -88,11 +93,12 @@ class Workspace:
     @classmethod
     def create(cls, scene: CompiledScene, block: int, *, exact: bool = False) -> Workspace:
         words = np.empty((24 * block, 12), np.int32)
+        meshed = bool(np.any(scene.face_i[:, F_KIND] == MESH))
         return cls(
             block,
             Buffers(
-                live_f=np.empty((8, block + _PADDING)),
-                live_i=np.empty((10, block + _PADDING), np.int64),
+                live_f=np.empty((MESH_ROWS if meshed else 8, block + _PADDING)),
+                live_i=np.empty((14 if meshed else 10, block + _PADDING), np.int64),
                 ray_i=np.empty((1, block), np.int32),
                 ray_f=np.empty(block),
                 words=words,

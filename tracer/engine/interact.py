@@ -33,11 +33,18 @@ from tracer.engine.buffers import (
     LAST,
     LIVE,
     MEDIUM,
+    MESH_BODY,
+    MESH_NORMAL,
+    MESH_POINT,
+    MESH_SHADING,
+    MESH_TRIANGLE,
     N_RECORDS,
     NEST,
     NORMAL_XY,
     NORMAL_Z,
     OWN,
+    OWN_BODY,
+    OWN_TRIANGLE,
     R_CODE,
     R_MEDIUM,
     R_RAY,
@@ -56,7 +63,7 @@ from tracer.engine.nests import enter_body, leave_body, top_body
 from tracer.engine.random import stream_state
 from tracer.engine.surfaces import meet_surface
 from tracer.engine.volumes import fly_freely
-from tracer.geometry.kinds import F64, I64
+from tracer.geometry.kinds import F64, I64, MESH
 from tracer.geometry.normals import face_normal
 from tracer.scene.arrays import (
     B_MEDIUM,
@@ -132,6 +139,8 @@ def emit_block(scene: CompiledScene, seed: int, first_ray: int, n: int, b: Buffe
         live_f[WEIGHT, i] = 1.0
         live_i[OWN, i] = -1
         live_i[KEY, i] = first_key + source
+        if len(live_f) > MESH_POINT:
+            live_i[OWN_BODY, i] = -1
         live_i[NEST, i] = source_i[source, L_NEST]
         live_i[MEDIUM, i] = source_i[source, L_MEDIUM]
         live_i[CODE, i] = source_i[source, L_CODE]
@@ -163,6 +172,8 @@ def place_block(
         live_f[WEIGHT, i] = 1.0
         live_i[OWN, i] = -1
         live_i[KEY, i] = 2 * len(scene.face_i) + len(scene.source_i)
+        if len(live_f) > MESH_POINT:
+            live_i[OWN_BODY, i] = -1
         live_i[NEST, i] = 0
         live_i[MEDIUM, i] = world
         live_i[CODE, i] = 0
@@ -197,6 +208,7 @@ def interact(scene: CompiledScene, b: Buffers, follow: int) -> None:
     meetings, meeting_t, colors, counters = b.meetings, b.meeting_t, b.colors, b.counters
     volume_key = 2 * len(face_i) + len(scene.source_i)
     tiny = _TOUCHING * sphere[3]
+    meshed = len(live_f) > MESH_POINT
     kept = 0
     r = counters[RECORDS]
     for i in range(counters[LIVE]):
@@ -210,6 +222,7 @@ def interact(scene: CompiledScene, b: Buffers, follow: int) -> None:
         nx, ny, nz = 0.0, 0.0, 0.0
         obj, triangle, event = -1, -1, 0
         key, own = volume_key, -1
+        own_body, own_triangle = -1, -1
         ignored = False
         # Fly freely through a medium that absorbs or scatters
         if medium_i[medium, M_PARTICIPATING] != 0:
@@ -231,7 +244,20 @@ def interact(scene: CompiledScene, b: Buffers, follow: int) -> None:
             nx, ny, nz = dx, dy, dz
         elif event == 0:
             # Meet the face: find out where the ray goes if it crosses
-            nx, ny, nz = face_normal(face_i[face, F_KIND], face_f, face, x, y, z)
+            if face_i[face, F_KIND] == MESH:
+                x, y, z = (
+                    live_f[MESH_POINT, i],
+                    live_f[MESH_POINT + 1, i],
+                    live_f[MESH_POINT + 2, i],
+                )
+                nx, ny, nz = (
+                    live_f[MESH_NORMAL, i],
+                    live_f[MESH_NORMAL + 1, i],
+                    live_f[MESH_NORMAL + 2, i],
+                )
+                own_body, own_triangle = live_i[MESH_BODY, i], live_i[MESH_TRIANGLE, i]
+            else:
+                nx, ny, nz = face_normal(face_i[face, F_KIND], face_f, face, x, y, z)
             cosine = dx * nx + dy * ny + dz * nz
             inside, outside = face_i[face, F_INSIDE], face_i[face, F_OUTSIDE]
             beyond = nest
@@ -255,6 +281,18 @@ def interact(scene: CompiledScene, b: Buffers, follow: int) -> None:
             own = face
             if not ignored:
                 obj, triangle = face_i[face, F_OBJECT], face_i[face, F_TRIANGLE]
+                sx, sy, sz, shading = nx, ny, nz, cosine
+                if own_body >= 0:
+                    triangle = own_triangle
+                    # Use the interpolated normal where it sees the ray from the same side
+                    ax, ay, az = (
+                        live_f[MESH_SHADING, i],
+                        live_f[MESH_SHADING + 1, i],
+                        live_f[MESH_SHADING + 2, i],
+                    )
+                    along = dx * ax + dy * ay + dz * az
+                    if along * cosine > 0.0:
+                        sx, sy, sz, shading = ax, ay, az, along
                 event = face_i[face, F_EVENT]
                 if beyond < 0:
                     event |= GEOMETRY_ERROR
@@ -263,10 +301,17 @@ def interact(scene: CompiledScene, b: Buffers, follow: int) -> None:
                     other = body_i[body, B_MEDIUM] if body >= 0 else world
                     happened, crosses, dx, dy, dz, code, state = meet_surface(
                         surface_i, surface_f, medium_i, medium_f, tables, face_i[face, F_SURFACE],
-                        medium, other, dx, dy, dz, nx, ny, nz, cosine, code, colors, counters,
+                        medium, other, dx, dy, dz, sx, sy, sz, shading, code, colors, counters,
                         state, follow,
                     )  # fmt: skip
                     event |= happened
+                    if own_body >= 0:
+                        # Keep to the side of the triangle on which the ray goes on
+                        along = dx * nx + dy * ny + dz * nz
+                        if (along * cosine < 0.0) == crosses:
+                            dx -= 2.0 * along * nx
+                            dy -= 2.0 * along * ny
+                            dz -= 2.0 * along * nz
                     if crosses:
                         nest = beyond
                         if other != medium:
@@ -299,6 +344,8 @@ def interact(scene: CompiledScene, b: Buffers, follow: int) -> None:
         live_f[3, kept], live_f[4, kept], live_f[5, kept] = dx, dy, dz
         live_f[WEIGHT, kept] = live_f[WEIGHT, i]
         live_i[OWN, kept], live_i[KEY, kept] = own, key
+        if meshed:
+            live_i[OWN_BODY, kept], live_i[OWN_TRIANGLE, kept] = own_body, own_triangle
         live_i[NEST, kept], live_i[MEDIUM, kept], live_i[CODE, kept] = nest, medium, code
         live_i[RNG, kept] = np.int64(state)
         live_i[RAY, kept], live_i[LAST, kept] = ray, last

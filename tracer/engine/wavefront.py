@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,9 @@ from tracer.engine.intersect import nearest_hits
 from tracer.engine.store import Columns, store_block
 from tracer.scene.arrays import CompiledScene
 from tracer.sources import emitted_counts
+
+if TYPE_CHECKING:
+    from tracer.scene.meshes import SceneMeshes
 
 __all__ = ["BLOCK", "Wavefront", "run_steps"]
 
@@ -59,13 +62,21 @@ class Wavefront:
     ----------
     scene : the compiled scene
     seed : of all random numbers
+    meshes : the scene's triangle meshes, if it has any
     block : rays traced in step
     exact : keep the positions in float64 as an extra column ``exact``
     """
 
     def __init__(
-        self, scene: CompiledScene, seed: int, *, block: int = BLOCK, exact: bool = False
+        self,
+        scene: CompiledScene,
+        seed: int,
+        *,
+        meshes: SceneMeshes | None = None,
+        block: int = BLOCK,
+        exact: bool = False,
     ) -> None:
+        self.meshes = meshes
         self.scene = scene
         self.seed = seed
         self.block = block
@@ -104,7 +115,19 @@ class Wavefront:
         return replace(portion, source=np.zeros(len(origins), np.int16))
 
     def _run(self, workspace: Workspace, follow: int) -> None:
-        while not run_steps(self.scene, workspace.buffers, follow):
+        if self.meshes is None:
+            while not run_steps(self.scene, workspace.buffers, follow):
+                workspace.make_room(self.scene)
+            return
+        from tracer.engine.meshes import run_mesh_steps
+        from tracer.geometry.mesh_hits import mesh_scratch
+
+        if not hasattr(self._local, "scratch"):
+            self._local.scratch = mesh_scratch()
+        while not run_mesh_steps(
+            self.scene, self.meshes.arrays, self.meshes.first_face, self._local.scratch,
+            workspace.buffers, follow,
+        ):  # fmt: skip
             workspace.make_room(self.scene)
 
     def _buffers(self) -> tuple[Workspace, _Assembly]:

@@ -32,6 +32,7 @@ __all__ = [
     "FacePlan",
     "LensBody",
     "LensFace",
+    "MeshBody",
     "PrismBody",
     "RectangleBody",
     "RingBody",
@@ -383,6 +384,22 @@ class PrismBody(Body):
         return plans
 
 
+class MeshBody(Body):
+    """Triangles from a file (STL, OBJ, PLY, glTF), ``scale`` scene units per unit of the file.
+
+    ``name_by`` says what makes a face: one, group, color, or edges sharper than ``angle_deg``;
+    ``smooth_deg`` interpolates normals across flatter edges.
+    """
+
+    kind: Literal["mesh"]
+    file: str
+    scale: Positive
+    name_by: Literal["one", "group", "color", "angle"] = "group"
+    angle_deg: Annotated[float, Field(gt=0, lt=180)] = 30.0
+    smooth_deg: Annotated[float, Field(gt=0, lt=180)] | None = None
+    flip: bool = False
+
+
 BODIES: dict[str, type[Body]] = {
     "lens": LensBody,
     "ring": RingBody,
@@ -393,5 +410,6 @@ BODIES: dict[str, type[Body]] = {
     "sphere": SphereBody,
     "box": BoxBody,
     "prism": PrismBody,
+    "mesh": MeshBody,
 }
 """Kinds of bodies by the word that the scene file uses."""

@@ -14,6 +14,7 @@ CYLINDER   origin 0-2, axis 3-5, radius 6, from 7, to 8 (along the axis), side 9
 CONE       origin 0-2, axis 3-5, radius at the origin 6, slope 7, from 8, to 9, side 10
 CONIC      vertex 0-2, axis 3-5, curvature 6, 1 + conic constant 7, outer radius² 8, side 9
 ASPHERE    as CONIC, then coefficients of r^4, r^6 … r^14 in 10-15
+MESH       a named face of a triangle mesh: no row; Embree finds its triangles
 ========== ======================================================================================
 
 ``side`` is +1 where the outward normal points away from the centre or axis (for CONIC and ASPHERE:
@@ -36,6 +37,7 @@ __all__ = [
     "Integer",
     "POLYGON",
     "RECTANGLE",
+    "MESH",
     "ROW",
     "SPHERE",
 ]
@@ -53,3 +55,4 @@ CYLINDER = 4
 CONE = 5
 CONIC = 6
 ASPHERE = 7
+MESH = 8

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tracer.geometry.kinds import SPHERE
+from tracer.geometry.kinds import MESH, SPHERE
 from tracer.geometry.shapes import Shape
 
 __all__ = ["find_candidates", "main_axis"]
@@ -32,13 +32,14 @@ def find_candidates(
 
     Parameters
     ----------
-    shapes : all faces
+    shapes : all faces; those of meshes are departures, but no candidates
     sources : per source the box that it emits from and the direction of its beam (zero: any)
     """
     n = len(shapes)
     boxes = [shape.bounds() for shape in shapes]
     low = np.array([box[0] for box in boxes]).reshape(n, 3)
     high = np.array([box[1] for box in boxes]).reshape(n, 3)
+    analytic = np.array([shape.kind != MESH for shape in shapes], bool)
     axes = np.array([main_axis(shape) for shape in shapes], np.int32)
     lists, distances = [], []
 
@@ -49,6 +50,7 @@ def find_candidates(
                 ahead &= high[:, axis] >= start_low[axis]
             elif signs[axis] < 0:
                 ahead &= low[:, axis] <= start_high[axis]
+        ahead &= analytic
         if own >= 0 and shapes[own].kind < SPHERE:
             ahead[own] = False
         gap = np.maximum(0.0, np.maximum(low - start_high, start_low - high))

@@ -6,6 +6,7 @@ import hashlib
 import json
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,8 +24,9 @@ from raymap.directory import (
     Surface,
 )
 from raymap.errors import SceneError
-from tracer.geometry.bodies import Body, FacePlan, LensBody
-from tracer.geometry.kinds import ANNULUS, CYLINDER, RECTANGLE, ROW, SPHERE
+from tracer.geometry.bodies import Body, FacePlan, LensBody, MeshBody
+from tracer.geometry.kinds import ANNULUS, CYLINDER, MESH, RECTANGLE, ROW, SPHERE
+from tracer.geometry.mesh import TriangleMesh
 from tracer.geometry.shapes import Polygon, Rectangle, Shape
 from tracer.scene.arrays import (
     ABSORBER,
@@ -48,6 +50,7 @@ from tracer.scene.candidates import find_candidates, main_axis
 from tracer.scene.checks import check_lenses
 from tracer.scene.load import _nearest
 from tracer.scene.media import medium_table
+from tracer.scene.meshes import MeshFace, MeshShelf, SceneMeshes
 from tracer.scene.model import RGB_NM, Scene, SourceModel, SurfaceModel, cone_cosine
 from tracer.scene.surfaces import SurfaceTable
 from tracer.sources import deal_rays
@@ -60,13 +63,17 @@ Integers = NDArray[np.int64]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Compilation:
-    """A scene ready to trace: arrays for the engine, names, channels and meshes for the map."""
+    """A scene ready to trace: arrays for the engine, names, channels and meshes for the map.
+
+    ``meshes`` are drawn; ``solids`` are the triangles that light meets, None without mesh bodies.
+    """
 
     scene: Scene
     arrays: CompiledScene
     directory: Directory
     channel_set: ChannelSet
     meshes: dict[int, DisplayMesh]
+    solids: SceneMeshes | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -143,6 +150,7 @@ class _Compiler:
             if body.medium is not None:
                 self.media.number(body.medium, f"bodies.{name}.medium")
         self.solids = [name for name, body in self.bodies.items() if body.medium is not None]
+        self.shelf = MeshShelf(Path(scene.folder))
         self.surface_names = list(scene.surfaces)
         self.extra_surfaces: dict[str, SurfaceModel] = {}
         self.detector_names = list(scene.detectors)
@@ -208,6 +216,7 @@ class _Compiler:
             directory=directory,
             channel_set=self._channel_set(source_f[:, SOURCE_ROW:]),
             meshes=meshes,
+            solids=self.shelf.finish(),
         )
 
     # -- bodies and faces ----------------------------------------------------------------------
@@ -242,15 +251,13 @@ class _Compiler:
             if isinstance(body, LensBody) and body.front.cemented is not None
         }
         for name, body in self.bodies.items():
+            if isinstance(body, MeshBody):
+                mesh = self.shelf.place(name, body, len(primitives))
+                meshes[len(objects)] = mesh.display()
+                objects.append(self._mesh_object(name, body, mesh, len(objects), primitives))
+                continue
             plans = body.plan()
-            unknown = set(body.faces) - {plan.name for plan in plans}
-            if unknown:
-                wrong = sorted(unknown)[0]
-                raise self.fail(
-                    f"bodies.{name}.faces.{wrong}",
-                    f"a {body.kind} has no such face"
-                    f"{_nearest(wrong, {plan.name: 0 for plan in plans})}",
-                )
+            self._check_face_names(name, body, [plan.name for plan in plans])
             solid = self.solids.index(name) if name in self.solids else -1
             faces: list[Face] = []
             for plan in plans:
@@ -309,6 +316,51 @@ class _Compiler:
                 )
             )
         return objects, primitives, meshes
+
+    def _mesh_object(
+        self,
+        name: str,
+        body: MeshBody,
+        mesh: TriangleMesh,
+        number: int,
+        primitives: list[_Primitive],
+    ) -> SceneObject:
+        """Names of a mesh's faces, and a place of departure for each of them."""
+        self._check_face_names(name, body, list(mesh.face_names))
+        low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+        margin = 1e-9 * (1.0 + float(np.abs([low, high]).max()))
+        solid = self.solids.index(name) if name in self.solids else -1
+        faces = []
+        first = 0
+        for face_name, count in zip(mesh.face_names, mesh.face_counts.tolist(), strict=True):
+            surface = self._surface_number(
+                body.faces.get(face_name, body.surface), solid >= 0, f"bodies.{name}"
+            )
+            faces.append(
+                Face(name=face_name, first_primitive=first, primitive_count=count, surface=surface)
+            )
+            primitives.append(
+                _Primitive(
+                    shape=MeshFace(low - margin, high + margin),
+                    object=number,
+                    triangle=first,
+                    surface=surface,
+                    inside=solid,
+                    outside=-1,
+                    detector=-1,
+                    event=0,
+                )
+            )
+            first += count
+        return SceneObject(name=name, kind="mesh", faces=tuple(faces), parameters=_parameters(body))
+
+    def _check_face_names(self, name: str, body: Body, known: list[str]) -> None:
+        unknown = sorted(set(body.faces) - set(known))
+        if unknown:
+            raise self.fail(
+                f"bodies.{name}.faces.{unknown[0]}",
+                f"a {body.kind} has no such face{_nearest(unknown[0], dict.fromkeys(known, 0))}",
+            )
 
     def _face(self, plan: FacePlan, before: list[Face], surface: int, partner: str | None) -> Face:
         first = before[-1].first_primitive + before[-1].primitive_count if before else 0
@@ -497,7 +549,7 @@ class _Compiler:
         )
 
 
-_COMMON_FACES = {ANNULUS, RECTANGLE, SPHERE, CYLINDER}
+_COMMON_FACES = {ANNULUS, RECTANGLE, SPHERE, CYLINDER, MESH}
 
 
 def _needs_tables(surface_i: Integers, medium_i: Integers) -> bool:

@@ -52,11 +52,20 @@ def load_scene(path: str | Path, *, variants: Sequence[str] = ()) -> Scene:
         raise SceneError(f"there is no scene file {str(path)!r}; check the path") from None
     except (OSError, UnicodeDecodeError) as error:
         raise SceneError(f"cannot read the scene file {str(path)!r}: {error}") from None
-    return parse_scene(text, variants=variants, origin=path.name)
+    return parse_scene(text, variants=variants, origin=path.name, folder=path.parent)
 
 
-def parse_scene(text: str, *, variants: Sequence[str] = (), origin: str = "scene") -> Scene:
-    """As `load_scene`, from the text of a scene file; ``origin`` names it in messages."""
+def parse_scene(
+    text: str,
+    *,
+    variants: Sequence[str] = (),
+    origin: str = "scene",
+    folder: str | Path = ".",
+) -> Scene:
+    """As `load_scene`, from the text of a scene file.
+
+    ``origin`` names it in messages; mesh files are looked up from ``folder``.
+    """
     try:
         tree = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -68,6 +77,7 @@ def parse_scene(text: str, *, variants: Sequence[str] = (), origin: str = "scene
         tree = _overlaid(tree, known[name])
     tree["text"] = text
     tree["origin"] = origin
+    tree["folder"] = str(folder)
     for table, model in _NAMED.items():
         entries = _table(tree, table, origin)
         tree[table] = {

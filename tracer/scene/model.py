@@ -354,6 +354,7 @@ class Scene(Node):
     detectors: dict[str, DetectorModel] = {}
     text: str = ""
     origin: str = "scene"
+    folder: str = "."
 
 
 def cone_cosine(source: SourceModel) -> float:

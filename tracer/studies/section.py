@@ -102,7 +102,7 @@ def _rays(compilation: Compilation) -> list[NDArray[np.float64]]:
             along.append(frame[:, 2])
     if not starts:
         return [np.zeros((0, 2))]
-    engine = Wavefront(compilation.arrays, 1, exact=True)
+    engine = Wavefront(compilation.arrays, 1, meshes=compilation.solids, exact=True)
     portion = engine.trace_given(np.array(starts), np.array(along), follow=1)
     offsets = np.concatenate(([0], np.cumsum(portion.records_per_ray)))
     points = np.asarray(portion.extra["exact"], float)[:, [2, 1]]

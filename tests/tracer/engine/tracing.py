@@ -57,7 +57,7 @@ class Trace:
 def trace(text: str | Compilation, n_rays: int, *, seed: int = 1, first: int = 0, block: int = 4096) -> Trace:  # fmt: skip # noqa: E501
     """Trace rays of a scene."""
     compilation = compiled(text) if isinstance(text, str) else text
-    engine = Wavefront(compilation.arrays, seed, block=block)
+    engine = Wavefront(compilation.arrays, seed, meshes=compilation.solids, block=block)
     return Trace(compilation, engine.trace(first, n_rays))
 
 

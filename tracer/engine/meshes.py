@@ -1,0 +1,84 @@
+"""Steps of scenes with triangle meshes: analytic faces first, then Embree, then the interaction."""
+
+from __future__ import annotations
+
+from raymap.kernels import inner_kernel, lean_kernel
+from tracer.engine.buffers import (
+    COLORS,
+    DESCRIPTORS,
+    HIT,
+    LIVE,
+    MESH_BODY,
+    MESH_NORMAL,
+    MESH_POINT,
+    MESH_SHADING,
+    MESH_TRIANGLE,
+    OWN_BODY,
+    OWN_TRIANGLE,
+    RECORDS,
+    Buffers,
+    T,
+)
+from tracer.engine.interact import interact
+from tracer.engine.intersect import nearest_hits
+from tracer.geometry.kinds import F64, I64
+from tracer.geometry.mesh_hits import (
+    MeshArrays,
+    MeshScratch,
+    mesh_shading_normal,
+    nearest_on_meshes,
+)
+from tracer.scene.arrays import CompiledScene
+
+__all__ = ["run_mesh_steps"]
+
+
+@lean_kernel
+def run_mesh_steps(
+    scene: CompiledScene, mesh: MeshArrays, first_face: I64, scratch: MeshScratch, b: Buffers,
+    follow: int,
+) -> bool:  # fmt: skip
+    """As `run_steps`, with meshes; ``first_face`` is the row of face 0 of every mesh object."""
+    counters = b.counters
+    meetings = len(scene.detector_i) + 1
+    while counters[LIVE] > 0:
+        n = counters[LIVE]
+        if (
+            counters[RECORDS] + n > len(b.words)
+            or counters[DESCRIPTORS] + n * meetings > len(b.meeting_t)
+            or counters[COLORS] + 4 * n > len(b.colors)
+        ):
+            return False
+        nearest_hits(
+            scene.face_i, scene.face_f, scene.pool, scene.first, scene.face, scene.distance,
+            b.live_f, b.live_i, n, b.bundle_f, b.bundle_i, b.bins,
+        )  # fmt: skip
+        for i in range(n):
+            b.live_i[MESH_BODY, i] = -1
+        nearest_on_meshes(
+            mesh, b.live_f, b.live_i[OWN_BODY], b.live_i[OWN_TRIANGLE], b.live_f[T],
+            b.live_i[MESH_BODY], b.live_i[MESH_TRIANGLE], b.live_f[MESH_POINT:MESH_NORMAL],
+            b.live_f[MESH_NORMAL:MESH_SHADING], n, scratch,
+        )  # fmt: skip
+        _name_faces(mesh, first_face, b.live_f, b.live_i, n)
+        interact(scene, b, follow)
+    return True
+
+
+@inner_kernel
+def _name_faces(mesh: MeshArrays, first_face: I64, live_f: F64, live_i: I64, n: int) -> None:
+    """Turn triangles met into faces, and find the normals that optics should use there."""
+    for i in range(n):
+        body = live_i[MESH_BODY, i]
+        if body < 0:
+            continue
+        triangle = live_i[MESH_TRIANGLE, i]
+        live_i[HIT, i] = first_face[body] + mesh.face[mesh.first_triangle[body] + triangle]
+        if mesh.first_corner[body] >= 0:
+            x, y, z = live_f[MESH_POINT, i], live_f[MESH_POINT + 1, i], live_f[MESH_POINT + 2, i]
+            nx, ny, nz = mesh_shading_normal(mesh, body, triangle, x, y, z)
+        else:
+            nx, ny, nz = live_f[MESH_NORMAL, i], live_f[MESH_NORMAL + 1, i], live_f[MESH_NORMAL + 2, i]  # fmt: skip # noqa: E501
+        live_f[MESH_SHADING, i] = nx
+        live_f[MESH_SHADING + 1, i] = ny
+        live_f[MESH_SHADING + 2, i] = nz

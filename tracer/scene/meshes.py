@@ -1,0 +1,101 @@
+"""Triangle meshes of a scene: read once each, placed, and ready for Embree."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raymap.directory import Quadric
+from tracer.geometry.bodies import MeshBody
+from tracer.geometry.kinds import MESH, ROW
+from tracer.geometry.mesh import TriangleMesh
+from tracer.geometry.shapes import Bounds, Mesh
+
+if TYPE_CHECKING:
+    from tracer.geometry.mesh_hits import MeshArrays
+    from tracer.geometry.mesh_scene import MeshScene, Placement
+
+__all__ = ["MeshFace", "MeshShelf", "SceneMeshes"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SceneMeshes:
+    """Meshes for the engine; ``first_face`` is the row of face 0 of every mesh object."""
+
+    arrays: MeshArrays
+    first_face: NDArray[np.int64]
+    scene: MeshScene
+
+
+@dataclass(frozen=True, eq=False)
+class MeshFace:
+    """A named face of a mesh as a place that rays depart from: only its box is known."""
+
+    low: Array
+    high: Array
+    kind: int = MESH
+
+    def row(self) -> Array:
+        return np.zeros(ROW)
+
+    def bounds(self) -> Bounds:
+        return self.low, self.high
+
+    def quadric(self) -> Quadric | None:
+        return None
+
+    def mesh(self) -> Mesh:
+        return np.zeros((0, 3)), np.zeros((0, 3), np.int32)
+
+
+class MeshShelf:
+    """Reads mesh files once, however often they are placed."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._read: dict[tuple[object, ...], TriangleMesh] = {}
+        self.placements: list[Placement] = []
+        self.first_face: list[int] = []
+
+    def place(self, name: str, body: MeshBody, first_face: int) -> TriangleMesh:
+        """Add a body; its mesh in the scene's frame."""
+        from tracer.geometry.mesh_files import load_mesh
+        from tracer.geometry.mesh_scene import Placement
+
+        key = (
+            body.file, body.scale, body.name_by, body.angle_deg, body.smooth_deg, body.flip,
+            body.medium is None,
+        )  # fmt: skip
+        if key not in self._read:
+            self._read[key] = load_mesh(
+                self.folder / body.file,
+                name=name,
+                scale=body.scale,
+                faces=body.name_by,
+                angle_deg=body.angle_deg,
+                smooth_deg=body.smooth_deg,
+                solid=body.medium is not None,
+                flip=body.flip,
+            )
+        origin, frame = body.frame()
+        transform = np.column_stack([frame, origin])
+        self.placements.append(Placement(mesh=self._read[key], transform=transform))
+        self.first_face.append(first_face)
+        return self._read[key].transformed(transform)
+
+    def finish(self) -> SceneMeshes | None:
+        """All meshes behind one search tree; None where there is none."""
+        if not self.placements:
+            return None
+        from tracer.geometry.mesh_scene import MeshScene
+
+        scene = MeshScene(self.placements)
+        return SceneMeshes(
+            arrays=scene.arrays, first_face=np.array(self.first_face, np.int64), scene=scene
+        )
