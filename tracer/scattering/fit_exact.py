@@ -1,25 +1,30 @@
 """Least squares on the exact model: mean free path, absorption and g of one wavelength.
 
+R and T hardly change along g at constant mu_s', so the objective is a long flat valley, often with
+two shallow minima. The fit therefore separates the parameters: with g held, mu_s' and p follow by
+a few Gauss–Newton steps, because across the valley everything is close to linear; along g the
+valley is scanned and its lowest point refined. The scan stays with the result: intervals are read
+from it.
+
 The published objective sums (model / measured - 1)² over plates and angles. Its minimum leans
-towards small values, because a value measured too low weighs more; so the fit takes one more turn
-with deviations relative to the model found first, which has no such bias.
+towards small values, because a value measured too low weighs more; so deviations are taken
+relative to a first fit of the model instead, which has no such bias.
 
 References
 ----------
 S. G. Pozdnyakov, S. V. Ershov, A. G. Voloboy, Keldysh Institute Preprints 67 (2019), for procedure
 and objective.
+G. H. Golub, V. Pereyra, SIAM J. Numer. Anal. 10, 413 (1973): separation of variables.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.errors import MissingExtra
 from tracer.scattering.medium import ScatteringMedium
 from tracer.scattering.problem import (
     BOUNDS,
@@ -29,19 +34,33 @@ from tracer.scattering.problem import (
     parameters_of,
 )
 
-__all__ = [
-    "WavelengthFit",
-    "conditional_fit",
-    "fit_wavelength",
-    "published_objective",
-    "starting_medium",
-]
+__all__ = ["ValleyPoint", "WavelengthFit", "fit_wavelength", "published_objective"]
 
 Array = NDArray[np.float64]
 _STEP = 1e-5
-_SCANNED_SHAPES = np.array([-0.3, 0.1, 0.3, 0.5, 0.7, 0.85, 0.95])
-_SHAPE_SPREAD = 0.9
-"""Prior standard deviation of atanh g: half of the range between the bounds."""
+_SCANNED = np.arctanh(
+    np.array([-0.499, -0.25, 0.0, 0.2, 0.35, 0.5, 0.63, 0.75, 0.85, 0.92, 0.97, 0.9899])
+)
+_ENOUGH = 60.0
+"""A rise of the sum of squares beyond which the valley is left."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ValleyPoint:
+    """Best mu_s' and p at one g.
+
+    Attributes
+    ----------
+    shape : atanh g
+    chi2 : sum of squares
+    pair : (2,) ln mu_s', ln p
+    deviations : (2,) their standard errors at this g
+    """
+
+    shape: float
+    chi2: float
+    pair: Array
+    deviations: Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +71,7 @@ class WavelengthFit:
     ----------
     wavelength_nm : 0 for the spectral average
     medium : best m, p, g at the given gamma
-    covariance : (3, 3) of (ln mu_s', ln p, atanh g)
+    valley : best fits along g, rising in g; the best alone if g was held
     chi2 : sum of squared deviations over their errors, weights included
     values : how many measured values took part
     rms : root mean square relative deviation of R and T that count
@@ -66,7 +85,7 @@ class WavelengthFit:
 
     wavelength_nm: float
     medium: ScatteringMedium
-    covariance: Array
+    valley: tuple[ValleyPoint, ...]
     chi2: float
     values: int
     rms: float
@@ -79,35 +98,6 @@ class WavelengthFit:
     thickness_mm: Array
     incidence_deg: Array
     section: Array = field(default_factory=lambda: np.zeros(0))
-
-    @property
-    def reduced_scattering_error(self) -> float:
-        """Relative standard error of mu_s'."""
-        return float(np.sqrt(self.covariance[0, 0]))
-
-    @property
-    def absorption_error(self) -> float:
-        """Relative standard error of p."""
-        return float(np.sqrt(self.covariance[1, 1]))
-
-    @property
-    def g_error(self) -> float:
-        """Standard error of g."""
-        return float(np.sqrt(self.covariance[2, 2]) * (1.0 - self.medium.g**2))
-
-    @property
-    def mean_free_path_error(self) -> float:
-        """Relative standard error of m, which inherits that of g at constant mu_s'."""
-        step = 1e-4
-        gamma, index = self.medium.gamma, self.medium.index
-        base = parameters_of(self.medium)
-        moved = base + np.array([0.0, 0.0, step])
-        slope = (
-            math.log(medium_of(moved, gamma, index).mean_free_path_mm)
-            - math.log(medium_of(base, gamma, index).mean_free_path_mm)
-        ) / step
-        row = np.array([-1.0, 0.0, slope])
-        return float(np.sqrt(row @ self.covariance @ row))
 
 
 def fit_wavelength(
@@ -128,109 +118,38 @@ def fit_wavelength(
     g : hold g at this value
     wavelength_nm : noted in the result
     """
-    x = parameters_of(start or starting_medium(problem, gamma))
-    free = np.array([True, True, g is None])
-    x = np.clip(x, *_box())
+    begin = parameters_of(start or _starting_medium(problem, gamma))
+    shape = begin[2] if g is None else math.atanh(g)
+    walk = _Valley(problem, gamma)
+    # A first fit makes the reference for deviations
+    first = walk.fit(float(shape), begin[:2])
+    walk.reference = walk.flux(first)
     if g is None:
-        x = _best_along_g(problem, gamma, x)
+        points = _scan(walk, walk.fit(float(shape), first.pair))
     else:
-        x[2] = math.atanh(g)
-    counts = np.zeros(1, np.int64)
-    used = problem.used
-    scale = np.sqrt(problem.weights[used]) / problem.errors[used]
-
-    def model(parameters: Array) -> tuple[Array, Array]:
-        counts[0] += 1
-        flux, section = problem.predict(medium_of(parameters, gamma, problem.index))
-        return flux[used], section
-
-    # First with deviations relative to the measurement, then to the model found
-    reference = problem.measured[used]
-    for tolerance in (1e-3, 1e-6):
-
-        def residuals(parameters: Array, reference: Array = reference) -> Array:
-            flux, section = model(parameters)
-            return np.concatenate(
-                ((flux - problem.measured[used]) / reference * scale,
-                 problem.shape_residuals(section))
-            )  # fmt: skip
-
-        x = _minimise(residuals, x, free, tolerance)
-        reference = model(x)[0]
-
-    medium = medium_of(x, gamma, problem.index)
+        points = [walk.fit(float(shape), first.pair)]
+    best = min(points, key=lambda point: point.chi2)
+    medium = medium_of(np.append(best.pair, best.shape), gamma, problem.index)
     flux, section = problem.predict(medium)
+    used = problem.used
     deviation = (flux[used] - problem.measured[used]) / flux[used]
-    shape = problem.shape_residuals(section)
-    chi2 = float(np.sum((deviation * scale) ** 2) + np.sum(shape**2))
-    jacobian = _jacobian(lambda y: residuals(y, reference), parameters_of(medium))
-    weights = np.concatenate((problem.weights[used], np.ones(shape.size)))
-    values = int(used.sum()) + shape.size
     return WavelengthFit(
         wavelength_nm=wavelength_nm,
         medium=medium,
-        covariance=_covariance(jacobian, weights, free, chi2 / max(1, values - int(free.sum()))),
-        chi2=chi2,
-        values=values,
+        valley=tuple(points),
+        chi2=best.chi2,
+        values=int(used.sum()) + section.size,
         rms=float(np.sqrt(np.mean(deviation**2))),
         objective=published_objective(problem, flux),
         bounds=bounds_hit(medium) if g is None else (),
-        evaluations=int(counts[0]),
+        evaluations=walk.evaluations,
         measured=problem.measured,
         measured_error=problem.errors,
+        predicted=flux,
         thickness_mm=problem.flux.thickness_mm,
         incidence_deg=problem.flux.incidence_deg,
-        predicted=flux,
         section=section,
     )
-
-
-def conditional_fit(
-    problem: WavelengthProblem, gamma: float, start: Array, shape: float
-) -> tuple[float, Array, Array]:
-    """Fit ln mu_s' and ln p with atanh g held, by Gauss–Newton: there both are nearly linear.
-
-    Parameters
-    ----------
-    problem : measured rows
-    gamma : exponent
-    start : (2,) ln mu_s', ln p of a neighbour
-    shape : atanh g
-
-    Returns
-    -------
-    chi2 : sum of squares
-    parameters : (2,) best ln mu_s', ln p
-    deviations : (2,) standard errors at this g
-    """
-    used = problem.used
-    scale = np.sqrt(problem.weights[used]) / problem.errors[used]
-    low, high = _box()
-
-    def residuals(pair: Array) -> Array:
-        medium = medium_of(np.append(pair, shape), gamma, problem.index)
-        flux, section = problem.predict(medium)
-        deviation = (flux[used] - problem.measured[used]) / flux[used]
-        return np.concatenate((deviation * scale, problem.shape_residuals(section)))
-
-    x = start
-    at = residuals(x)
-    jacobian = np.stack([(residuals(x + _STEP * e) - at) / _STEP for e in np.eye(2)], axis=1)
-    inverse = np.linalg.pinv(jacobian.T @ jacobian)
-    deviations = np.sqrt(np.diag(inverse))
-    for _ in range(6):
-        step = -inverse @ (jacobian.T @ at)
-        # Halve steps that overshoot
-        for _ in range(4):
-            tried = np.clip(x + step, low[:2], high[:2])
-            there = residuals(tried)
-            if there @ there <= at @ at * (1.0 + 1e-12):
-                x, at = tried, there
-                break
-            step = 0.5 * step
-        if np.all(np.abs(step) < 0.02 * deviations + 1e-9):
-            break
-    return float(at @ at), x, deviations
 
 
 def published_objective(problem: WavelengthProblem, flux: Array) -> float:
@@ -240,13 +159,134 @@ def published_objective(problem: WavelengthProblem, flux: Array) -> float:
     return float(np.sum(problem.weights[used] * ratio**2))
 
 
-def starting_medium(problem: WavelengthProblem, gamma: float) -> ScatteringMedium:
+class _Valley:
+    """Fits of mu_s' and p with g held."""
+
+    def __init__(self, problem: WavelengthProblem, gamma: float) -> None:
+        self.problem, self.gamma = problem, gamma
+        used = problem.used
+        self.measured = problem.measured[used]
+        self.scale = np.sqrt(problem.weights[used]) / problem.errors[used]
+        self.reference = self.measured
+        self.evaluations = 0
+
+    def residuals(self, pair: Array, shape: float) -> Array:
+        self.evaluations += 1
+        medium = medium_of(np.append(pair, shape), self.gamma, self.problem.index)
+        flux, section = self.problem.predict(medium)
+        deviation = (flux[self.problem.used] - self.measured) / self.reference
+        return np.concatenate((deviation * self.scale, self.problem.shape_residuals(section)))
+
+    def flux(self, point: ValleyPoint) -> Array:
+        medium = medium_of(np.append(point.pair, point.shape), self.gamma, self.problem.index)
+        return np.asarray(self.problem.predict(medium)[0][self.problem.used])
+
+    def fit(self, shape: float, pair: Array) -> ValleyPoint:
+        """Levenberg–Marquardt from a neighbour's values; the Jacobian is kept while it serves."""
+        low, high = _pair_box()
+        x = np.clip(pair, low, high)
+        at = self.residuals(x, shape)
+        jacobian = self._jacobian(x, at, shape)
+        fresh, damping = True, 1e-6
+        for _ in range(40):
+            hessian = jacobian.T @ jacobian
+            damped = hessian + damping * np.diag(np.diag(hessian) + 1e-12)
+            step = np.clip(-np.linalg.solve(damped, jacobian.T @ at), -1.5, 1.5)
+            tried = np.clip(x + step, low, high)
+            there = self.residuals(tried, shape)
+            gain = float(at @ at - there @ there)
+            if gain >= 0.0:
+                predicted = -float(step @ (jacobian.T @ at))
+                moved = np.abs(tried - x)
+                x, at, fresh = tried, there, False
+                damping = max(1e-9, 0.1 * damping)
+                if np.all(moved < 1e-3) or gain < 1e-6 * float(at @ at):
+                    break
+                if gain < 0.5 * predicted:
+                    jacobian, fresh = self._jacobian(x, at, shape), True
+            elif np.all(np.abs(step) < 1e-6):
+                break
+            elif fresh:
+                damping = max(1e-3, 10.0 * damping)
+            else:
+                jacobian, fresh = self._jacobian(x, at, shape), True
+        deviations = np.sqrt(np.diag(np.linalg.pinv(jacobian.T @ jacobian)))
+        return ValleyPoint(shape=shape, chi2=float(at @ at), pair=x, deviations=deviations)
+
+    def _jacobian(self, x: Array, at: Array, shape: float) -> Array:
+        moved = [self.residuals(x + _STEP * e, shape) for e in np.eye(2)]
+        return np.stack([(m - at) / _STEP for m in moved], axis=1)
+
+
+def _scan(walk: _Valley, start: ValleyPoint) -> list[ValleyPoint]:
+    """Best fits along g, closer together about the lowest."""
+    points = {start.shape: start}
+    shapes = _SCANNED
+    upwards = shapes > start.shape
+    for side in (shapes[upwards], shapes[~upwards][::-1]):
+        neighbour = start
+        for shape in side:
+            neighbour = _visit(walk, points, float(shape), neighbour)
+            lowest = min(p.chi2 for p in points.values())
+            if neighbour.chi2 > lowest + _ENOUGH:
+                break
+    # Refine the lowest point by parabolas, then sample its width
+    for _ in range(4):
+        shape, width = _parabola(points)
+        _visit(walk, points, shape, _nearest(points, shape))
+    _, width = _parabola(points)
+    best = min(points.values(), key=lambda p: p.chi2).shape
+    for offset in (-1.8, -1.0, -0.5, 0.5, 1.0, 1.8):
+        shape = best + offset * width
+        if _SCANNED[0] < shape < _SCANNED[-1]:
+            _visit(walk, points, shape, _nearest(points, shape))
+    inside = [p for p in points.values() if not _clamped(walk, p)]
+    return sorted(inside or points.values(), key=lambda p: p.shape)
+
+
+def _visit(
+    walk: _Valley, points: dict[float, ValleyPoint], shape: float, neighbour: ValleyPoint
+) -> ValleyPoint:
+    if all(abs(shape - known) > 1e-4 for known in points):
+        points[shape] = walk.fit(shape, neighbour.pair)
+        return points[shape]
+    return neighbour
+
+
+def _nearest(points: dict[float, ValleyPoint], shape: float) -> ValleyPoint:
+    return points[min(points, key=lambda known: abs(known - shape))]
+
+
+def _parabola(points: dict[float, ValleyPoint]) -> tuple[float, float]:
+    """Lowest point of the parabola through the lowest three neighbours, and its 1-sigma width."""
+    shapes = np.array(sorted(points))
+    chi2 = np.array([points[s].chi2 for s in shapes])
+    k = int(np.argmin(chi2))
+    if shapes.size < 3 or k in (0, shapes.size - 1):
+        inner = shapes[1] if k == 0 else shapes[-2] if shapes.size > 1 else shapes[0]
+        return 0.5 * (float(shapes[k]) + float(inner)), 0.3
+    x, y = shapes[k - 1 : k + 2], chi2[k - 1 : k + 2]
+    left, right = (y[1] - y[0]) / (x[1] - x[0]), (y[2] - y[1]) / (x[2] - x[1])
+    curvature = (right - left) / (x[2] - x[0])
+    if curvature <= 0.0:
+        return float(x[1]), 0.3
+    lowest = 0.5 * (x[0] + x[1]) - 0.5 * left / curvature
+    return float(np.clip(lowest, x[0], x[2])), float(min(0.4, 1.0 / math.sqrt(curvature)))
+
+
+def _clamped(walk: _Valley, point: ValleyPoint) -> bool:
+    """Whether g gave way because m would fall below its bound."""
+    medium = medium_of(np.append(point.pair, point.shape), walk.gamma, walk.problem.index)
+    return abs(math.atanh(medium.g) - point.shape) > 1e-6
+
+
+def _starting_medium(problem: WavelengthProblem, gamma: float) -> ScatteringMedium:
     """Best of a coarse scan over mu_s' and p at a middling g."""
-    shape = 0.6 if gamma < 4.0 else 0.4
+    shape = math.atanh(0.6 if gamma < 4.0 else 0.4)
     best: tuple[float, ScatteringMedium] | None = None
-    for reduced in np.geomspace(0.02, 60.0, 14):
+    for reduced in np.geomspace(0.02, 60.0, 12):
         for absorption in (3e-4, 3e-3, 0.03, 0.3, 3.0):
-            y = np.array([math.log(reduced), math.log(absorption), math.atanh(shape)])
+            y = np.array([math.log(reduced), math.log(absorption), shape])
             medium = medium_of(y, gamma, problem.index)
             ratio = problem.predict(medium)[0] / problem.measured
             log_ratio = np.log(np.maximum(ratio[problem.used], 1e-12))
@@ -257,84 +297,7 @@ def starting_medium(problem: WavelengthProblem, gamma: float) -> ScatteringMediu
     return best[1]
 
 
-def _best_along_g(problem: WavelengthProblem, gamma: float, start: Array) -> Array:
-    """Start where a coarse scan along g is lowest: the valley can have two minima."""
-    best, lowest = start, math.inf
-    pair = start[:2]
-    for shape in np.arctanh(_SCANNED_SHAPES):
-        chi2, pair, _ = conditional_fit(problem, gamma, pair, float(shape))
-        if chi2 < lowest:
-            best, lowest = np.append(pair, shape), chi2
-    return best
-
-
-def _box() -> tuple[Array, Array]:
-    lower = [
-        math.log(1e-4), math.log(BOUNDS.absorption_low_per_mm), math.atanh(BOUNDS.g_low)
-    ]  # fmt: skip
-    upper = [
-        math.log(1e4), math.log(BOUNDS.absorption_high_per_mm), math.atanh(BOUNDS.g_high)
-    ]  # fmt: skip
-    return np.array(lower), np.array(upper)
-
-
-def _minimise(residuals: Any, start: Array, free: NDArray[np.bool_], tolerance: float) -> Array:
-    """Bounded least squares over the free parameters."""
-    try:
-        from scipy.optimize import least_squares
-    except ImportError:
-        raise MissingExtra(
-            "fitting needs SciPy; install it with: pip install 'raymap[fit]'"
-        ) from None
-    low, high = _box()
-
-    def full(part: Array) -> Array:
-        x = start.copy()
-        x[free] = part
-        return x
-
-    margin = 1e-9
-    solution = least_squares(
-        lambda part: residuals(full(part)),
-        np.clip(start[free], low[free] + margin, high[free] - margin),
-        jac=lambda part: _jacobian(residuals, full(part))[:, free],
-        bounds=(low[free], high[free]),
-        xtol=tolerance,
-        ftol=tolerance,
-        gtol=1e-12,
-        max_nfev=40,
-    )
-    return full(np.asarray(solution.x))
-
-
-def _jacobian(residuals: Any, x: Array) -> Array:
-    """Forward differences; a step back where the upper bound is near."""
-    high = _box()[1]
-    base = residuals(x)
-    columns = []
-    for k in range(x.size):
-        step = _STEP if x[k] + _STEP < high[k] else -_STEP
-        moved = x.copy()
-        moved[k] += step
-        columns.append((residuals(moved) - base) / step)
-    return np.stack(columns, axis=1)
-
-
-def _covariance(
-    jacobian: Array, weights: Array, free: NDArray[np.bool_], reduced_chi2: float
-) -> Array:
-    """Covariance of the parameters; what the data leave open is as wide as the bounds.
-
-    Weights in the objective are a choice, not a statement about errors: the covariance counts the
-    stated errors (sandwich form). Deviations twice as large as stated widen it.
-    """
-    prior = np.diag([0.0, 0.0, _SHAPE_SPREAD**-2])
-    j = jacobian.copy()
-    j[:, ~free] = 0.0
-    hessian = j.T @ j + prior + np.diag(np.where(free, 0.0, 1e12))
-    spread = (j.T * weights) @ j + prior
-    inverse = np.linalg.pinv(hessian)
-    covariance = inverse @ spread @ inverse
-    covariance[~free] = 0.0
-    covariance[:, ~free] = 0.0
-    return np.asarray(covariance * (reduced_chi2 if reduced_chi2 > 2.0 else 1.0))
+def _pair_box() -> tuple[Array, Array]:
+    low = [math.log(1e-4), math.log(BOUNDS.absorption_low_per_mm)]
+    high = [math.log(1e4), math.log(BOUNDS.absorption_high_per_mm)]
+    return np.array(low), np.array(high)

@@ -142,14 +142,14 @@ def fit_material(
     nodes = min(_MOST_NODES, enough_nodes(average.medium))
     problem = wavelength_problem(averaged, settings, 0.0, nodes=nodes)
     average = fit_wavelength(problem, gamma, start=average.medium)
-    average_profile = profile_along_g(problem, average)
+    average_profile = profile_along_g(average)
     problems = {
         float(w): wavelength_problem(measurement, settings, float(w), nodes=nodes)
         for w in measurement.wavelengths_nm
     }
     progress(f"gamma {gamma:g}: fitting {len(problems)} wavelengths")
     free = _fit_spectrum(problems, gamma, average.medium, None)
-    profiles = tuple(profile_along_g(problems[f.wavelength_nm], f) for f in free)
+    profiles = tuple(profile_along_g(f) for f in free)
     g = _common_g(profiles)
     common = _fit_spectrum(problems, gamma, average.medium, g)
     return MaterialFit(

@@ -1,9 +1,8 @@
 """What measured plates tell about (m, p, g, gamma), and what they do not.
 
 R and T depend on m and g nearly through mu_s' = (1 - <cos theta>) / m alone. So the likelihood has
-a long valley along g; across it everything is close to linear. The profile walks along the valley,
-refits mu_s' and p at each g, and reads all intervals from there: where the smallest sum of squares
-rises by 1.
+a long valley along g. The fit keeps the best mu_s' and p at each g, and all intervals are read from
+there: where the smallest sum of squares rises by 1.
 """
 
 from __future__ import annotations
@@ -14,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tracer.scattering.fit_exact import WavelengthFit, conditional_fit
+from tracer.scattering.fit_exact import WavelengthFit
 from tracer.scattering.medium import ScatteringMedium
-from tracer.scattering.problem import BOUNDS, WavelengthProblem, medium_of, parameters_of
+from tracer.scattering.problem import WavelengthProblem, medium_of
 
 __all__ = ["Interval", "Profile", "Sensitivity", "profile_along_g", "sensitivity"]
 
@@ -94,36 +93,17 @@ class Profile:
     intervals: dict[str, Interval]
 
 
-def profile_along_g(problem: WavelengthProblem, fit: WavelengthFit) -> Profile:
+def profile_along_g(fit: WavelengthFit) -> Profile:
     """Profile likelihood of a fit along g, and 68 % intervals of its parameters."""
     gamma, index = fit.medium.gamma, fit.medium.index
-    low, high = math.atanh(BOUNDS.g_low), math.atanh(BOUNDS.g_high)
-    centre = math.atanh(fit.medium.g)
-    width = min(0.5, max(1e-3, math.sqrt(fit.covariance[2, 2])))
-    near = centre + width * np.array([-2.5, -1.5, -0.8, 0.0, 0.8, 1.5, 2.5])
-    held = np.unique(np.clip(np.concatenate((near, np.linspace(low, high, 8))), low, high))
-    # Walk from the best fit to both sides, each point starting from its neighbour
-    found: dict[float, tuple[float, Array, Array]] = {}
-    for side in (held[held >= centre], held[held < centre][::-1]):
-        start = parameters_of(fit.medium)[:2]
-        for t in side:
-            chi2, x, deviation = conditional_fit(problem, gamma, start, float(t))
-            medium = medium_of(np.append(x, t), gamma, index)
-            if abs(math.atanh(medium.g) - t) > 1e-6:
-                break  # m stands at its bound: no longer this g
-            found[float(t)] = (chi2, x, deviation)
-            start = x
-            if chi2 - fit.chi2 > 60.0:
-                break
-    ts: Array = np.array(sorted(found), np.float64)
-    sums: Array = np.array([found[t][0] for t in ts])
-    best: Array = np.array([found[t][1] for t in ts])
-    spread = np.array([found[t][2] for t in ts])
-    sums -= sums.min()
+    ts = np.array([point.shape for point in fit.valley])
+    sums = np.array([point.chi2 for point in fit.valley]) - fit.chi2
+    best = np.array([point.pair for point in fit.valley])
+    spread = np.array([point.deviations for point in fit.valley])
     # Refine between the points, then profile each parameter
     fine = np.unique(np.concatenate((ts, np.linspace(ts[0], ts[-1], 600))))
     smooth = _interpolate(ts, np.column_stack([sums, best, spread]), fine)
-    chi2_fine = np.maximum(0.0, smooth[:, 0])
+    chi2 = np.maximum(0.0, smooth[:, 0])
     lost = np.array(
         [math.log(1.0 - medium_of(np.array([0.0, 0.0, t]), gamma, index).mean_cosine) for t in fine]
     )
@@ -132,23 +112,20 @@ def profile_along_g(problem: WavelengthProblem, fit: WavelengthFit) -> Profile:
         "absorption_per_mm": (smooth[:, 2], smooth[:, 4]),
         "mean_free_path_mm": (lost - smooth[:, 1], smooth[:, 3]),
     }
-    intervals = {
-        name: _interval_of(middle, sd, chi2_fine) for name, (middle, sd) in centres.items()
-    }
-    inside = fine[chi2_fine <= 1.0]
+    intervals = {name: _interval_of(middle, sd, chi2) for name, (middle, sd) in centres.items()}
+    inside = fine[chi2 <= 1.0]
     intervals["g"] = Interval(
         low=math.tanh(inside[0]),
         high=math.tanh(inside[-1]),
-        open_low=bool(inside[0] <= ts[0] + 1e-9),
-        open_high=bool(inside[-1] >= ts[-1] - 1e-9),
+        open_low=bool(inside[0] <= ts[0]),
+        open_high=bool(inside[-1] >= ts[-1]),
     )
-    lost_points = np.interp(ts, fine, lost)
     return Profile(
         g=np.tanh(ts),
         chi2=sums,
         reduced_scattering=np.exp(best[:, 0]),
         absorption=np.exp(best[:, 1]),
-        mean_free_path=np.exp(lost_points - best[:, 0]),
+        mean_free_path=np.exp(np.interp(ts, fine, lost) - best[:, 0]),
         intervals=intervals,
     )
 
@@ -164,8 +141,24 @@ def _interval_of(middle: Array, deviation: Array, chi2: Array) -> Interval:
 
 
 def _interpolate(x: Array, columns: Array, fine: Array) -> Array:
+    """Monotone cubics (Fritsch–Butland) between the points: no wiggles beside steep walls."""
     if x.size < 3:
         return np.column_stack([np.interp(fine, x, column) for column in columns.T])
-    from scipy.interpolate import PchipInterpolator
-
-    return np.asarray(PchipInterpolator(x, columns, axis=0)(fine))
+    width = np.diff(x)[:, None]
+    slope = np.diff(columns, axis=0) / width
+    inner = np.zeros_like(columns[1:-1])
+    same = slope[:-1] * slope[1:] > 0.0
+    a, b = 2.0 * width[1:] + width[:-1], width[1:] + 2.0 * width[:-1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        harmonic = (a + b) / (a / slope[:-1] + b / slope[1:])
+    inner[same] = harmonic[same]
+    tangent = np.vstack((slope[:1], inner, slope[-1:]))
+    low = np.clip(np.searchsorted(x, fine, side="right") - 1, 0, x.size - 2)
+    h = width[low]
+    s = (fine - x[low])[:, None] / h
+    return np.asarray(
+        (1 + 2 * s) * (1 - s) ** 2 * columns[low]
+        + s * (1 - s) ** 2 * h * tangent[low]
+        + s**2 * (3 - 2 * s) * columns[low + 1]
+        + s**2 * (s - 1) * h * tangent[low + 1]
+    )

@@ -1,0 +1,151 @@
+"""Reading measurements: tables, units, other formats, and messages that name the row."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tracer.scattering.bsdf_xml import read_bsdf_xml
+from tracer.scattering.datafile import load_measurement
+from tracer.scattering.measurement import MeasurementError
+from tracer.scattering.tables import read_scatter_astm, read_scatter_csv
+
+SAMPLES = Path(__file__).parents[3] / "samples" / "opal"
+GOOD = [(550, a, r, t) for a, r, t in ((0, 0.29, 0.63), (10, 0.295, 0.62), (30, 0.31, 0.6))]
+
+
+def write(folder: Path, rows: list[tuple[object, ...]], *, head: str = "", plate: str = "") -> Path:
+    lines = ["wavelength_nm,incidence_deg,R,T", *(",".join(map(str, row)) for row in rows)]
+    (folder / "plate.csv").write_text("\n".join(lines) + "\n")
+    thickness = plate or "thickness = 2.05"
+    (folder / "data.toml").write_text(
+        f'name = "x"\n{head}\n[[plate]]\n{thickness}\nflux = "plate.csv"\n'
+    )
+    return folder / "data.toml"
+
+
+def test_samples_are_read() -> None:
+    for letter, plates in (("a", [1.53, 1.98, 3.15]), ("b", [2.05, 3.06, 3.63])):
+        material, settings = load_measurement(SAMPLES / f"opal_{letter}.toml")
+        np.testing.assert_allclose(material.plates_mm, plates)
+        assert material.wavelengths_nm.size == 28
+        assert len(material.flux) == 3 * 28 * 6
+        assert {table.side for table in material.scatter} == {"brdf", "btdf"}
+        section = material.thinnest_section(550.0)
+        assert section is not None
+        assert section[0].size == 13
+        assert material.average().wavelengths_nm.tolist() == [0.0]
+        assert settings.gamma == "search"
+
+
+def test_units_are_converted(tmp_path: Path) -> None:
+    rows: list[tuple[object, ...]] = [(w / 1000, a, 100 * r, 100 * t) for w, a, r, t in GOOD]
+    head = '[units]\nflux = "percent"\nwavelength = "um"\nthickness = "um"'
+    material, _ = load_measurement(write(tmp_path, rows, head=head, plate="thickness = 2050"))
+    np.testing.assert_allclose(material.flux.reflectance, [0.29, 0.295, 0.31])
+    np.testing.assert_allclose(material.flux.wavelength_nm, 550.0)
+    np.testing.assert_allclose(material.plates_mm, 2.05)
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        ((550, 20, 0.6, 0.5), r"plate\.csv, line 5: R \+ T exceeds 1"),
+        ((550, 20, 29.0, 63.0), r"line 5: R or T looks like percent"),
+        ((0.55, 20, 0.3, 0.6), r"line 5: .*micrometres"),
+        ((550, "", 0.3, 0.6), r"line 5: the angle of incidence is missing"),
+        ((550, 95, 0.3, 0.6), r"line 5: the angle of incidence is missing or outside"),
+        ((550, 20, "", ""), r"line 5: neither R nor T"),
+        ((550, 20, -0.1, 0.6), r"line 5: R and T must be > 0"),
+        (("", 20, 0.3, 0.6), r"line 5: the wavelength is missing"),
+        ((550, 20, "much", 0.6), r"line 5: 'much' is not a number"),
+        ((550, 20, 0.3), r"line 5: 3 cells, the header has 4"),
+    ],
+)
+def test_bad_rows_are_named(tmp_path: Path, row: tuple[object, ...], message: str) -> None:
+    with pytest.raises(MeasurementError, match=message):
+        load_measurement(write(tmp_path, [*GOOD, row]))
+
+
+def test_bad_files_are_named(tmp_path: Path) -> None:
+    with pytest.raises(MeasurementError, match="no thickness"):
+        load_measurement(write(tmp_path, list(GOOD), plate="# none"))
+    with pytest.raises(MeasurementError, match="mixed units"):
+        load_measurement(write(tmp_path, list(GOOD), plate="thickness = 2050"))
+    with pytest.raises(MeasurementError, match=r"fit\.gammma"):
+        load_measurement(write(tmp_path, list(GOOD), head="[fit]\ngammma = 2"))
+    (tmp_path / "bad.toml").write_text("name = [")
+    with pytest.raises(MeasurementError, match="not a TOML"):
+        load_measurement(tmp_path / "bad.toml")
+    with pytest.raises(MeasurementError, match="cannot read"):
+        load_measurement(tmp_path / "nothing.toml")
+    (tmp_path / "none.csv").write_text("wavelength_nm,incidence_deg\n550,0\n")
+    (tmp_path / "data.toml").write_text('name="x"\n[[plate]]\nthickness=1\nflux="none.csv"\n')
+    with pytest.raises(MeasurementError, match="column R or T"):
+        load_measurement(tmp_path / "data.toml")
+
+
+def test_noise_above_one_is_allowed_on_request(tmp_path: Path) -> None:
+    rows: list[tuple[object, ...]] = [*GOOD, (550, 20, 0.4, 0.65)]
+    material, _ = load_measurement(write(tmp_path, rows, head="energy_tolerance = 0.1"))
+    assert len(material.flux) == 4
+
+
+def test_scatter_tables_name_bad_lines(tmp_path: Path) -> None:
+    path = tmp_path / "s.csv"
+    path.write_text("incidence_deg,theta_deg,btdf\n0,0,0.2\n0,100,0.1\n")
+    with pytest.raises(MeasurementError, match=r"s\.csv, line 3"):
+        read_scatter_csv(path, 1.0, error=0.1)
+
+
+def test_astm_file(tmp_path: Path) -> None:
+    path = tmp_path / "sample.astm"
+    path.write_text(
+        "SOURCE laser\nWAVELENGTH 0.6328\nNUM_POINTS 3\nVARS theta_i,phi_i,theta_s,phi_s,BTDF\n"
+        "0.0,0.0,0.0,180.0,0.26\n0.0,0.0,10.0,180.0,0.25\n0.0,0.0,20.0,0.0,0.24\n"
+    )
+    (table,) = read_scatter_astm(path, 2.05, error=0.1, side="btdf")
+    np.testing.assert_allclose(table.wavelength_nm, 632.8)
+    np.testing.assert_allclose(table.phi_deg, [0.0, 0.0, 180.0])
+    theta, value, _ = table.section(632.8, 0.0)
+    np.testing.assert_allclose(theta, [0.0, 10.0, 20.0])
+    np.testing.assert_allclose(value, [0.26, 0.25, 0.24])
+    path.write_text("SOURCE laser\n1 2 3\n")
+    with pytest.raises(MeasurementError, match="VARS"):
+        read_scatter_astm(path, 2.05, error=0.1, side="btdf")
+
+
+BSDF = """<?xml version="1.0"?>
+<WindowElement xmlns="http://windows.lbl.gov"><Optical><Layer>
+<DataDefinition><AngleBasis><AngleBasisName>two rings</AngleBasisName>
+<AngleBasisBlock><Theta>0</Theta><nPhis>1</nPhis></AngleBasisBlock>
+<AngleBasisBlock><Theta>40</Theta><nPhis>2</nPhis></AngleBasisBlock></AngleBasis></DataDefinition>
+<WavelengthData><Wavelength unit="Integral">Visible</Wavelength><WavelengthDataBlock>
+<WavelengthDataDirection>Transmission Front</WavelengthDataDirection>
+<ColumnAngleBasis>two rings</ColumnAngleBasis><RowAngleBasis>two rings</RowAngleBasis>
+<ScatteringData>0.26, 0.2, 0.2, 0.2, 0.3, 0.1, 0.2, 0.1, 0.3</ScatteringData>
+</WavelengthDataBlock></WavelengthData></Layer></Optical></WindowElement>"""
+
+
+def test_bsdf_xml_file(tmp_path: Path) -> None:
+    path = tmp_path / "sample.xml"
+    path.write_text(BSDF)
+    (table,) = read_bsdf_xml(path, 2.05, error=0.1)
+    assert table.side == "btdf"
+    theta, value, _ = table.section(float("nan"), 0.0)
+    np.testing.assert_allclose(theta, [0.0, 40.0, 40.0])
+    np.testing.assert_allclose(value, [0.26, 0.2, 0.2])
+    # The undeviated beam lies on the diagonal: azimuth 0
+    straight = (table.incidence_deg == 40.0) & (table.value == 0.3)
+    np.testing.assert_allclose(table.phi_deg[straight], 0.0)
+    for broken, message in (
+        (BSDF.replace("0.26, ", ""), "8 values"),
+        (BSDF.replace("0.26", "-1"), "negative"),
+        (BSDF.replace("</Layer>", ""), "well-formed"),
+        ('<!DOCTYPE x [<!ENTITY a "b">]>' + BSDF, "entities"),
+    ):
+        path.write_text(broken)
+        with pytest.raises(MeasurementError, match=message):
+            read_bsdf_xml(path, 2.05, error=0.1)
