@@ -1,5 +1,5 @@
-"""Commands of the lens and microscope studies: lens-levels, lens-cone, lens-vignetting,
-lens-picture, microscope."""
+"""Commands of polarised light: lens-levels, lens-cone, lens-vignetting, lens-picture, microscope,
+record-polarized."""
 
 from __future__ import annotations
 
@@ -40,6 +40,7 @@ def register(app: typer.Typer) -> None:
     app.command("lens-vignetting")(lens_vignetting)
     app.command("lens-picture")(lens_picture)
     app.command("microscope")(microscope)
+    app.command("record-polarized")(record_polarized)
 
 
 def _lens(
@@ -304,6 +305,89 @@ def microscope(
         save_picture(srgb_of(figure.xyz)[::-1], output)
     if json:
         emit_json({"output": str(output), "brightest": brightest, "aperture": aperture})
+
+
+def record_polarized(
+    scene: Annotated[Path, typer.Argument(help="A scene file (TOML).", show_default=False)],
+    output: Annotated[Path, typer.Option("-o", "--output", help="The ray map to write.")],
+    rays: Annotated[int, typer.Option(min=1, help="Rays to trace.")] = 100_000,
+    seed: Annotated[int, typer.Option(min=0, help="Of the random numbers.")] = 1,
+    threads: Annotated[int | None, typer.Option(min=1, help="Worker threads.")] = None,
+    append: Annotated[bool, typer.Option("--append", help="Add rays to the map.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Write over an existing map.")] = False,
+    states: Annotated[
+        Literal["linear", "natural"],
+        typer.Option(help="Draw a linear state for every ray, or carry natural light along."),
+    ] = "linear",
+    polariser: Annotated[
+        list[str] | None,
+        typer.Option(help="FACE=X,Y,Z: a sheet that absorbs vibrations along an axis; repeatable."),
+    ] = None,
+    source: Annotated[
+        list[str] | None,
+        typer.Option(help="SOURCE=X,Y,Z: vibration of a polarised source; repeatable."),
+    ] = None,
+    phases: Annotated[bool, typer.Option(help="Store phases, and exact optical paths.")] = False,
+    lens_trees: Annotated[
+        int | None,
+        typer.Option(min=1, help="Lenses as primitives: depth of their trees, all branches kept."),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Trace a scene with polarised light and record every path."""
+    from dataclasses import asdict, fields
+
+    from raymap.cli import emit_json
+    from tracer.lens.record import record_lens_trees
+    from tracer.polarized_record import Polarization
+    from tracer.polarized_record import record_polarized as record
+
+    result: dict[str, object]
+    if lens_trees is not None:
+        tree = record_lens_trees(
+            scene, output, emissions=rays, depth=lens_trees, seed=seed, force=force
+        )
+        result = asdict(tree)
+    else:
+        done = record(
+            scene,
+            output,
+            polarization=Polarization(
+                states=states,
+                polarisers={name: (axis, 0.0) for name, axis in _axes(polariser, "polariser")},
+                sources=dict(_axes(source, "source")),
+                phases=phases,
+            ),
+            rays=rays,
+            seed=seed,
+            threads=threads,
+            append=append,
+            force=force,
+        )
+        result = {
+            item.name: getattr(done, item.name) for item in fields(done) if item.name != "detectors"
+        }
+    if json:
+        emit_json(result)
+        return
+    typer.echo(f"{result['rays']:,} rays, {result['records']:,} records in {output}")
+
+
+def _axes(texts: list[str] | None, option: str) -> list[tuple[str, tuple[float, float, float]]]:
+    """Read NAME=X,Y,Z."""
+    from raymap.errors import SceneError
+
+    found = []
+    for text in texts or []:
+        name, _, numbers = text.rpartition("=")
+        try:
+            x, y, z = (float(number) for number in numbers.split(","))
+        except ValueError:
+            raise SceneError(
+                f"--{option} {text!r}: expected NAME=X,Y,Z, for example sheet.face=0,1,0"
+            ) from None
+        found.append((name, (x, y, z)))
+    return found
 
 
 def _plate(crystal: str, thickness_um: float, tilt_deg: float, stage_deg: float) -> CrystalPlate:
