@@ -24,6 +24,7 @@ from raymap.itineraries import (
 from raymap.paths import PathDictionary
 from raymap.portion import Portion
 from raymap.schema import COLOR_SCALE
+from raymap.scratch import scratch
 
 __all__ = ["PathMerger", "color_sums", "find_paths", "itineraries_of", "offsets_of"]
 
@@ -90,7 +91,7 @@ def itineraries_of(portion: Portion, faces: FaceTable) -> Itineraries:
     InvalidPortion
         A record names an object or a primitive that the directory does not have.
     """
-    face = np.empty(portion.n_records, np.int32)
+    face = scratch("faces", portion.n_records, np.int32)
     bad = assign_faces(
         portion.object,
         portion.triangle,

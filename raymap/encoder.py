@@ -25,6 +25,7 @@ from raymap.paths import PathDictionary
 from raymap.portion import Portion
 from raymap.portionmeta import DESCRIPTOR_STREAMS, Encoding, PortionMeta
 from raymap.schema import COLOR_SCALE
+from raymap.scratch import scratch
 from raymap.shapes import RayShapes, ShapeTable, compile_shapes, shape_codes
 from raymap.streams import Scope, StreamSet
 
@@ -118,7 +119,7 @@ class PortionEncoder:
     def _add_triangles(self, streams: StreamSet, portion: Portion, rays: Itineraries) -> None:
         """Store what the face does not imply: the primitive where a face has several or none."""
         table = self.faces
-        explicit = np.empty(portion.n_records, np.int32)
+        explicit = scratch("explicit", portion.n_records, np.int32)
         n = explicit_triangles(
             rays.face,
             table.first_primitive,
@@ -150,7 +151,7 @@ class PortionEncoder:
         shape_codes(
             table.offsets, table.object, table.face, table.event, shapes.face_code, point_codes
         )
-        codes = np.empty(portion.n_records, np.int32)
+        codes = scratch("codes", portion.n_records, np.int32)
         resolve_codes(
             RayShapes(path_numbers, table.offsets, rays.offsets, point_codes, portion.triangle),
             shapes,
@@ -209,9 +210,9 @@ def _add_positions(
     position = np.ascontiguousarray(portion.position)
     bits = position.view(np.int32)
     # One more row, into which the pass writes ahead before it knows whether the value counts
-    xs, ys, zs = np.empty((3, n + 1), np.int32)
-    solved = np.empty(n + 1, np.int32)
-    residual = np.empty(n, np.uint32)
+    xs, ys, zs = (scratch(f"position.{axis}", n + 1, np.int32) for axis in "xyz")
+    solved = scratch("solved", n + 1, np.int32)
+    residual = scratch("residual", n, np.uint32)
     roots = np.empty(n, np.uint8)
     faces, sphere = True, True
     while True:
@@ -261,7 +262,7 @@ def _add_normals(
     codes: NDArray[np.int32],
     shapes: ShapeTable,
 ) -> int:
-    folded = np.empty((3, portion.n_records), np.uint16)
+    folded = scratch("normals", 3 * portion.n_records, np.uint16).reshape(3, -1)
     missed, plain = normal_residuals(
         offsets,
         codes,

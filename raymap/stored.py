@@ -149,8 +149,12 @@ class StoredPortion:
 
     def record_offsets(self) -> NDArray[np.int64]:
         """(n_rays + 1,) records of ray i are offsets[i]:offsets[i + 1]."""
-        if self.has_paths:
-            counts = np.diff(self._dictionary.offsets)[self.path_numbers()]
+        return self._record_offsets(self.path_numbers() if self.has_paths else None)
+
+    def _record_offsets(self, numbers: NDArray[np.uint32] | None) -> NDArray[np.int64]:
+        """Record offsets of rays whose path numbers are there already."""
+        if numbers is not None:
+            counts = np.diff(self._dictionary.offsets)[numbers]
         else:
             counts = self._stream("path.length", self.n_rays, np.uint32)
             if self.n_rays and not counts.all():
@@ -388,9 +392,8 @@ class StoredPortion:
         from raymap.itineraries import expand_points
 
         out = np.empty(self.n_records, column.dtype)
-        expand_points(
-            self.path_numbers(), self._dictionary.offsets, self.record_offsets(), column, out
-        )
+        numbers = self.path_numbers()
+        expand_points(numbers, self._dictionary.offsets, self._record_offsets(numbers), column, out)
         return out
 
     def _check_bounds(self, name: str, column: NDArray[Any]) -> NDArray[Any]:
@@ -482,10 +485,11 @@ class StoredPortion:
         if triangles is None:
             many = self.n_records and bool((point_codes <= MANY).any())
             triangles = self._column_triangle() if many else np.empty(0, np.int32)
-        offsets = self.record_offsets()
+        numbers = self.path_numbers()
+        offsets = self._record_offsets(numbers) if self.has_paths else paths.offsets
         codes = np.empty(self.n_records, np.int32)
         resolve_codes(
-            RayShapes(self.path_numbers(), paths.offsets, offsets, point_codes, triangles),
+            RayShapes(numbers, paths.offsets, offsets, point_codes, triangles),
             shapes,
             codes,
         )

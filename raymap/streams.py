@@ -283,7 +283,7 @@ def decode_column(
 def _split(flat: NDArray[Any]) -> NDArray[np.uint8]:
     size = flat.dtype.itemsize
     if flat.size < _SMALL or size == 8:
-        return np.ascontiguousarray(flat.view(np.uint8).reshape(-1, size).T)
+        return flat.view(np.uint8).reshape(-1, size).T.copy()
     from raymap.planes import split_planes
 
     return split_planes(flat)
