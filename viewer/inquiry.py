@@ -93,6 +93,8 @@ class Inquiry:
         else:
             flux = ""
         share = f" ({100 * found.matched / found.rays:.3g} %)" if found.rays else ""
+        if not found.complete:
+            share = ", stopped"
         return {
             "answer_text": f"{found.matched:,} of {found.rays:,} rays{share}",
             "answer_flux": f"{flux} · {found.seconds:.2g} s",
