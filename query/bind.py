@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import operator as op
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,21 +14,13 @@ from query.grammar import mark
 from query.names import FaceNames, ObjectMatch, match_indices, match_objects, unknown
 from query.path_machine import bind_path
 from query.printer import quoted, to_text
+from query.surface_parameters import COMPARISONS, passes, sides_of
 from query.units import convert, length_factor
 from raymap.directory import ChannelSet, Detector, Directory
 from raymap.errors import CriterionError, UnknownName
 from raymap.events import FAMILIES
 
-__all__ = ["COMPARISONS", "Binder", "MapFacts", "bind"]
-
-COMPARISONS: dict[str, Callable[[Any, Any], Any]] = {
-    "==": op.eq,
-    "!=": op.ne,
-    "<": op.lt,
-    "<=": op.le,
-    ">": op.gt,
-    ">=": op.ge,
-}
+__all__ = ["Binder", "MapFacts", "bind"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -134,13 +124,13 @@ class Binder:
         """Faces whose surface passes all tests on one side; None without tests."""
         if not tests:
             return None
-        sides = [_sides(surface.parameters) for surface in self.directory.surfaces]
+        sides = [sides_of(surface.parameters) for surface in self.directory.surfaces]
         known = sorted({name for surface in sides for side in surface for name in side})
         for test in tests:
             if test.parameter not in known:
                 error = unknown("surface parameter", test.parameter, known)
                 raise _Misfit(error, test.parameter)
-        passing = [any(_passes(side, tests) for side in surface) for surface in sides]
+        passing = [any(passes(side, tests) for side in surface) for surface in sides]
         table = np.array([*passing, False], np.bool_)
         return np.append(table[self.names.table.surface], False)
 
@@ -293,25 +283,3 @@ def _merged(
         faces &= surfaces
         kept = [ObjectMatch(item.objects, item.faces & surfaces, item.triangle) for item in kept]
     return (ObjectMatch(objects, faces), *kept)
-
-
-def _sides(parameters: dict[str, Any]) -> list[dict[str, float]]:
-    """Numeric parameters of a surface, per side: nested tables are sides of their own."""
-    common: dict[str, float] = {}
-    nested: list[dict[str, Any]] = []
-    for name, value in parameters.items():
-        if isinstance(value, int | float) and not isinstance(value, bool):
-            common[name] = float(value)
-        elif isinstance(value, dict):
-            nested.append(value)
-        elif isinstance(value, list | tuple):
-            nested.extend(item for item in value if isinstance(item, dict))
-    sides = [common | side for table in nested for side in _sides(table)]
-    return [common, *sides]
-
-
-def _passes(side: dict[str, float], tests: Sequence[c.SurfaceTest]) -> bool:
-    return all(
-        test.parameter in side and COMPARISONS[test.operator](side[test.parameter], test.value)
-        for test in tests
-    )

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from query import bound as b
-from query.bind import COMPARISONS
 from query.context import Context, Pair, RayContext
 from query.measures import incidence_angles, optical_lengths, path_lengths
 from query.path_machine import PRINCIPAL
@@ -26,6 +25,7 @@ from query.scans import (
     match_path,
     match_sequence,
 )
+from query.surface_parameters import COMPARISONS
 from raymap.schema import UV_SCALE
 
 __all__ = ["evaluate"]

@@ -202,6 +202,7 @@ def write_random_map(
     gaps: bool = False,
     plain: bool = False,
     directory: Directory | None = None,
+    first_ray: int = 0,
 ) -> Path:
     """Write a map; ``plain`` gives every ray a path of its own, so that no dictionary pays."""
     rng = np.random.default_rng(seed)
@@ -222,7 +223,7 @@ def write_random_map(
                         rays,
                         own,
                         directory=directory,
-                        first_ray=number * rays * 4,
+                        first_ray=first_ray + number * rays * 4,
                         weights=weights,
                         emissions=emissions,
                         gaps=gaps,

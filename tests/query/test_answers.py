@@ -513,3 +513,30 @@ def test_filter_strings_that_cannot_be_translated(
 ) -> None:
     with pytest.raises(CriterionError, match=message):
         query.translate(text, maps["merged"])
+
+
+# Shards.
+
+
+def test_shards_answer_as_one_map(tmp_path: Path) -> None:
+    folder = tmp_path / "shards"
+    folder.mkdir()
+    options = {"rays": 60, "paths": 20}
+    write_random_map(folder / "a.raymap", 31, **options)
+    write_random_map(folder / "b.raymap", 32, first_ray=100_000, **options)
+    texts = ["length > 5", 'hit("L1", reflected)', 'detected("screen", rect(0, 0, 4, 4))']
+    with (
+        raymap.open(folder) as whole,
+        raymap.open(folder / "a.raymap") as a,
+        raymap.open(folder / "b.raymap") as b,
+    ):
+        for text in texts:
+            parts = [select(part, text).ray_ids.tolist() for part in (a, b)]
+            found = select(whole, text)
+            assert found.ray_ids.tolist() == sorted(parts[0] + parts[1])
+            oracle, tree = Interpreter(whole), query.parse(text)
+            assert found.matched == sum(oracle.ray(tree, ray) for ray in rays_of(whole))
+            assert select(whole, text, limit=4).ray_ids.tolist() == found.ray_ids[:4].tolist()
+        rows = query.path_table(whole).rows()
+        assert sum(row.rays for row in rows) == whole.rays
+        assert (query.audit(whole).emitted == a.emitted + b.emitted).all()

@@ -230,3 +230,32 @@ def test_public_names_resolve() -> None:
 
 def test_events_of_python_and_text_agree() -> None:
     assert event("absorbed") == event(Event.SURFACE_ABSORPTION | Event.VOLUME_ABSORPTION)
+
+
+def test_surface_parameters_stand_on_sides_and_vary_with_wavelength() -> None:
+    from query.surface_parameters import passes, sides_of
+
+    sides = sides_of(
+        {
+            "reflectance": {"rgb": [0.1, 0.5, 0.9]},
+            "front": {"roughness": 0.3, "n": 1.5},
+            "back": {"roughness": 0.7, "n": 1.2},
+            "scatter": {"index": {"wavelength_nm": [400, 700], "value": [1.2, 1.4]}},
+            "kind": "paint",
+            "hidden": True,
+        }
+    )
+
+    def ask(*tests: tuple[str, str, float]) -> bool:
+        return any(passes(side, [c.SurfaceTest(*test) for test in tests]) for side in sides)
+
+    assert ask(("reflectance", "<", 0.2))
+    assert ask(("reflectance", ">", 0.8))
+    assert not ask(("reflectance", ">", 0.95))
+    assert ask(("roughness", ">", 0.5), ("n", "<", 1.3))
+    # Both must hold on the same side.
+    assert not ask(("roughness", ">", 0.5), ("n", ">", 1.3))
+    assert ask(("scatter.index", ">", 1.3))
+    assert ask(("index", ">", 1.3), ("reflectance", "<", 0.2))
+    assert not ask(("kind", "==", 0))
+    assert not ask(("hidden", "==", 1))
