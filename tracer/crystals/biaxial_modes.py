@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from raymap.kernels import kernel
+from raymap.kernels import inner_kernel
 from tracer.crystals.quartic import booker_coefficients, factor_quartic, factor_with_root
 
 __all__ = ["biaxial_forward_modes"]
@@ -22,7 +22,7 @@ __all__ = ["biaxial_forward_modes"]
 Array = np.ndarray[Any, np.dtype[Any]]
 
 
-@kernel
+@inner_kernel
 def _delta(frame: Array, xi: float, delta: Array) -> None:
     """Berreman's matrix for Psi = (E_x, H_y, E_y, -H_x)."""
     e11, e22, e33 = frame[0], frame[1], frame[2]
@@ -45,7 +45,7 @@ def _delta(frame: Array, xi: float, delta: Array) -> None:
     delta[3, 3] = 0.0
 
 
-@kernel
+@inner_kernel
 def _filter(delta: Array, b: complex, c: complex, out: Array) -> None:
     """Delta^2 + b Delta + c: what the other factor's waves do not survive."""
     for i in range(4):
@@ -57,7 +57,7 @@ def _filter(delta: Array, b: complex, c: complex, out: Array) -> None:
         out[i, i] += c
 
 
-@kernel
+@inner_kernel
 def _two_columns(matrix: Array) -> bool:
     """Orthonormal basis of the column space of a rank-2 matrix, into its first two columns."""
     for target in range(2):
@@ -88,7 +88,7 @@ def _two_columns(matrix: Array) -> bool:
     return True
 
 
-@kernel
+@inner_kernel
 def _flux(matrix: Array, i: int, j: int) -> float:
     """Psi_i^T J Psi_j of two real columns."""
     value: float = (
@@ -100,7 +100,7 @@ def _flux(matrix: Array, i: int, j: int) -> float:
     return value
 
 
-@kernel
+@inner_kernel
 def _travelling_pair(
     delta: Array, b: float, c: float, basis: Array, product: Array, modes: Array, k: int
 ) -> bool:
@@ -163,7 +163,7 @@ def _travelling_pair(
     return True
 
 
-@kernel
+@inner_kernel
 def _unit(modes: Array, k: int) -> None:
     size = 0.0
     for i in range(4):
@@ -173,7 +173,7 @@ def _unit(modes: Array, k: int) -> None:
         modes[k, i] *= scale
 
 
-@kernel
+@inner_kernel
 def _single(frame: Array, xi: float, q: complex, modes: Array, k: int) -> float:
     """Mode of one root that stands apart; returns its flux Psi^H J Psi."""
     m11 = frame[0] - q * q
@@ -211,7 +211,7 @@ def _single(frame: Array, xi: float, q: complex, modes: Array, k: int) -> float:
     return flux
 
 
-@kernel
+@inner_kernel
 def _real_forward(frame: Array, xi: float, b: float, disc: float, modes: Array, k: int) -> None:
     """The root of a quadratic with two real roots whose wave carries energy forward."""
     root = math.sqrt(max(disc, 0.0))
@@ -220,7 +220,7 @@ def _real_forward(frame: Array, xi: float, b: float, disc: float, modes: Array, 
         _single(frame, xi, complex(-0.5 * b - root, 0.0), modes, k)
 
 
-@kernel
+@inner_kernel
 def _evanescent_pair(
     delta: Array, b1: float, d1: float, b2: float, d2: float, cbasis: Array, modes: Array, k: int
 ) -> None:
@@ -239,7 +239,7 @@ def _evanescent_pair(
     modes[k + 1, 5] = q2
 
 
-@kernel
+@inner_kernel
 def _out_of_order(
     frame: Array, xi: float, b1: float, d1: float, b2: float, d2: float, modes: Array, k: int
 ) -> int:
@@ -262,7 +262,7 @@ def _out_of_order(
     return found
 
 
-@kernel
+@inner_kernel
 def biaxial_forward_modes(
     frame: Array, xi: float, hint: float, modes: Array, k: int, work: Array, cwork: Array
 ) -> None:

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from raymap.kernels import kernel
+from raymap.kernels import inner_kernel, kernel
 from tracer.crystals.modes import MODE, forward_modes, mirror_modes
 from tracer.crystals.rows import (
     AXIS,
@@ -55,11 +55,11 @@ def interface_scratch() -> tuple[Array, Array, Array, Array]:
         np.zeros((3, 4, 4), np.float64),
         np.zeros((2, 4, 5), np.complex128),
         np.zeros((4, MODE), np.complex128),
-        np.zeros((8, 3), np.float64),
+        np.zeros((8, 6), np.float64),
     )
 
 
-@kernel
+@inner_kernel
 def interface_frame(
     nx: float, ny: float, nz: float, px: float, py: float, pz: float, frame: Array
 ) -> float:
@@ -95,7 +95,7 @@ def interface_frame(
     return xi
 
 
-@kernel
+@inner_kernel
 def medium_modes(
     medium: Array,
     frame: Array,
@@ -112,7 +112,7 @@ def medium_modes(
     ``hint``: q of a grazing wave that travels the other way, or nan.
     """
     kind = int(medium[KIND])
-    tensor = frame[3:5].reshape(6)
+    tensor = frame[3]
     cx = cy = cz = 0.0
     if kind == UNIAXIAL:
         # Turn the axis into the frame; the tensor follows from it
@@ -162,7 +162,7 @@ def medium_modes(
         mirror_modes(modes, k)
 
 
-@kernel
+@inner_kernel
 def _solve(m: Array) -> None:
     """Gaussian elimination with pivoting of a 4 x 5 system; the solution is left in column 4."""
     for column in range(4):
@@ -193,7 +193,7 @@ def _solve(m: Array) -> None:
         m[row, 4] = value / m[row, row]
 
 
-@kernel
+@inner_kernel
 def _store(
     modes: Array,
     k: int,
@@ -240,7 +240,7 @@ def _store(
         out[row, 15] = label
 
 
-@kernel
+@inner_kernel
 def _store_isotropic(
     n2: float,
     q: complex,
@@ -274,7 +274,7 @@ def _store_isotropic(
         out[row, 15] = 1.0
 
 
-@kernel
+@inner_kernel
 def _cramer(
     a11: complex,
     a12: complex,
@@ -292,7 +292,7 @@ def _cramer(
     return (b1 * a22 - b2 * a12) * inverse, (a11 * b2 - a21 * b1) * inverse
 
 
-@kernel
+@inner_kernel
 def interface_event(
     medium_1: Array,
     medium_2: Array,

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from raymap.kernels import kernel
+from raymap.kernels import inner_kernel
 from tracer.crystals.biaxial_modes import biaxial_forward_modes
 from tracer.crystals.rows import BIAXIAL, ISOTROPIC
 
@@ -35,7 +35,7 @@ MODE = 7
 Array = np.ndarray[Any, np.dtype[Any]]
 
 
-@kernel
+@inner_kernel
 def _put(modes: Array, k: int, ex: complex, hy: complex, ey: complex, hx: complex) -> None:
     """Store Psi with |Psi| = 1."""
     size = math.sqrt(
@@ -47,7 +47,7 @@ def _put(modes: Array, k: int, ex: complex, hy: complex, ey: complex, hx: comple
     modes[k, 3] = -hx / size
 
 
-@kernel
+@inner_kernel
 def _put_real(modes: Array, k: int, xi: float, q: float, ex: float, ey: float, ez: float) -> None:
     """Store a travelling wave from its field, |Psi| = 1."""
     hy = q * ex - xi * ez
@@ -62,13 +62,13 @@ def _put_real(modes: Array, k: int, xi: float, q: float, ex: float, ey: float, e
     modes[k, 6] = 1.0
 
 
-@kernel
+@inner_kernel
 def complete_mode(modes: Array, k: int, frame: Array, xi: float) -> None:
     """E_z from the tangential field; ``frame`` holds e11, e22, e33, e12, e13, e23."""
     modes[k, 4] = -(frame[4] * modes[k, 0] + frame[5] * modes[k, 2] + xi * modes[k, 1]) / frame[2]
 
 
-@kernel
+@inner_kernel
 def _isotropic(n2: float, xi: float, hint: float, modes: Array, k: int) -> None:
     """s, then p."""
     square = n2 - xi * xi
@@ -88,7 +88,7 @@ def _isotropic(n2: float, xi: float, hint: float, modes: Array, k: int) -> None:
         modes[k + j, 6] = travelling
 
 
-@kernel
+@inner_kernel
 def _axis_across(
     xi: float, q: float, cx: float, cy: float, cz: float
 ) -> tuple[float, float, float, float]:
@@ -113,7 +113,7 @@ def _axis_across(
     return tx / size, ty / size, tz / size, size
 
 
-@kernel
+@inner_kernel
 def _uniaxial(
     eo: float,
     ee: float,
@@ -195,7 +195,7 @@ def _uniaxial(
     return abs(overlap) < 1.0 - 1e-4
 
 
-@kernel
+@inner_kernel
 def _product(modes: Array, i: int, j: int) -> complex:
     """Psi_i^H J Psi_j."""
     value: complex = (
@@ -207,7 +207,7 @@ def _product(modes: Array, i: int, j: int) -> complex:
     return value
 
 
-@kernel
+@inner_kernel
 def orthogonalise_pair(modes: Array, k: int) -> None:
     """Remove the rounding from the fluxes of a pair of forward waves of a lossless medium.
 
@@ -247,7 +247,7 @@ def orthogonalise_pair(modes: Array, k: int) -> None:
             modes[j, c] += beta * modes[j, c].conjugate()
 
 
-@kernel
+@inner_kernel
 def mirror_modes(modes: Array, k: int) -> None:
     """Forward waves of the mirrored medium (e13, e23 negated) into backward waves of the medium."""
     for j in range(k, k + 2):
@@ -257,7 +257,7 @@ def mirror_modes(modes: Array, k: int) -> None:
         modes[j, 5] = -modes[j, 5]
 
 
-@kernel
+@inner_kernel
 def forward_modes(
     kind: int,
     frame: Array,

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from raymap.events import Event
-from raymap.kernels import kernel
+from raymap.kernels import inner_kernel, kernel
 from tracer.crystals.bodies import BodyArrays
 from tracer.crystals.interface import interface_event
 from tracer.crystals.rows import BIAXIAL, EPS, EPS_ORDINARY, ISOTROPIC, KIND
@@ -50,7 +50,7 @@ _CROSSED = int(Event.DETECTOR_CROSSED)
 _REGISTERED = int(Event.DETECTOR_REGISTERED)
 
 
-@kernel
+@inner_kernel
 def _emit(source: Array, state: np.uint64, p: Array, d: Array, field: Array) -> np.uint64:
     """A point of the disc, a direction of the cone, a polarisation across it."""
     ux, uy, uz = source[11], source[12], source[13]
@@ -99,26 +99,22 @@ def _emit(source: Array, state: np.uint64, p: Array, d: Array, field: Array) -> 
     return state
 
 
-@kernel
+@inner_kernel
 def _draw_from_cone(
     row: Array, wave: Array, other: Array, state: np.uint64, field: Array, d: Array
 ) -> np.uint64:
     """Draw one ray of the cone of a wave on a binormal: a D by the square of its component."""
     n = math.sqrt(wave[0] ** 2 + wave[1] ** 2 + wave[2] ** 2)
     kx, ky, kz = wave[0] / n, wave[1] / n, wave[2] / n
-    eps = np.empty((3, 3))
-    eps[0, 0], eps[1, 1], eps[2, 2] = row[EPS], row[EPS + 1], row[EPS + 2]
-    eps[0, 1] = eps[1, 0] = row[EPS + 3]
-    eps[0, 2] = eps[2, 0] = row[EPS + 4]
-    eps[1, 2] = eps[2, 1] = row[EPS + 5]
-    eta = np.linalg.inv(eps)
-    total = np.empty(3, np.complex128)
-    for i in range(3):
-        total[i] = complex(wave[6 + i] + other[6 + i], wave[9 + i] + other[9 + i])
-    dx = eps[0, 0] * total[0] + eps[0, 1] * total[1] + eps[0, 2] * total[2]
-    dy = eps[1, 0] * total[0] + eps[1, 1] * total[1] + eps[1, 2] * total[2]
-    dz = eps[2, 0] * total[0] + eps[2, 1] * total[1] + eps[2, 2] * total[2]
-    size = (dx * dx.conjugate() + dy * dy.conjugate() + dz * dz.conjugate()).real
+    e11, e22, e33 = row[EPS], row[EPS + 1], row[EPS + 2]
+    e12, e13, e23 = row[EPS + 3], row[EPS + 4], row[EPS + 5]
+    tx = complex(wave[6] + other[6], wave[9] + other[9])
+    ty = complex(wave[7] + other[7], wave[10] + other[10])
+    tz = complex(wave[8] + other[8], wave[11] + other[11])
+    dx = e11 * tx + e12 * ty + e13 * tz
+    dy = e12 * tx + e22 * ty + e23 * tz
+    dz = e13 * tx + e23 * ty + e33 * tz
+    power = (dx * dx.conjugate() + dy * dy.conjugate() + dz * dz.conjugate()).real
     if abs(kx) < 0.7:
         ux, uy, uz = 0.0, kz, -ky
     else:
@@ -133,12 +129,17 @@ def _draw_from_cone(
         a, b = math.cos(angle), math.sin(angle)
         part = dx * (a * ux + b * vx) + dy * (a * uy + b * vy) + dz * (a * uz + b * vz)
         state = advance(state)
-        if uniform(state) * size < (part * part.conjugate()).real:
+        if uniform(state) * power < (part * part.conjugate()).real:
             break
     ox, oy, oz = a * ux + b * vx, a * uy + b * vy, a * uz + b * vz
-    ex = eta[0, 0] * ox + eta[0, 1] * oy + eta[0, 2] * oz
-    ey = eta[1, 0] * ox + eta[1, 1] * oy + eta[1, 2] * oz
-    ez = eta[2, 0] * ox + eta[2, 1] * oy + eta[2, 2] * oz
+    # E is the inverse tensor, up to a factor its adjugate, times D
+    ex = (e22 * e33 - e23 * e23) * ox + (e13 * e23 - e12 * e33) * oy + (e12 * e23 - e13 * e22) * oz
+    ey = (e13 * e23 - e12 * e33) * ox + (e11 * e33 - e13 * e13) * oy + (e12 * e13 - e11 * e23) * oz
+    ez = (e12 * e23 - e13 * e22) * ox + (e12 * e13 - e11 * e23) * oy + (e11 * e22 - e12 * e12) * oz
+    size = math.sqrt(ex * ex + ey * ey + ez * ez)
+    ex /= size
+    ey /= size
+    ez /= size
     field[0], field[1], field[2] = complex(ex, 0.0), complex(ey, 0.0), complex(ez, 0.0)
 
     # The ray of D: E x (k x E)
@@ -150,7 +151,7 @@ def _draw_from_cone(
     return state
 
 
-@kernel
+@inner_kernel
 def _cross_detectors(
     detectors: Array,
     blocking: Array,
@@ -170,7 +171,7 @@ def _cross_detectors(
     return best, found
 
 
-@kernel
+@inner_kernel
 def _meet_plane(s: Array, p: Array, d: Array) -> tuple[float, float, float, float]:
     """Distance, u, v and cosine against the looking direction; u = -1 for a miss."""
     slope = d[0] * s[9] + d[1] * s[10] + d[2] * s[11]
@@ -229,8 +230,11 @@ def trace_paths(
     -------
     numbers of records and meetings; -1 where an array was too small
     """
-    work, cwork, modes, frame, both, _, _, _, field, stack, _ = tree_scratch(2)
-    out = both[0]
+    scratch = tree_scratch(2)
+    work, cwork, modes, frame = scratch[0], scratch[1], scratch[2], scratch[3]
+    out = scratch[4][0]
+    field = scratch[8]
+    stack = scratch[9]
     p = np.zeros(3)
     d = np.zeros(3)
     n_channels = media.shape[0]
@@ -383,7 +387,7 @@ def trace_paths(
     return r, m
 
 
-@kernel
+@inner_kernel
 def _to_sphere(sphere: Array, p: Array, d: Array) -> float:
     """Distance to the far side of the bounding sphere."""
     b = 0.0
@@ -395,7 +399,7 @@ def _to_sphere(sphere: Array, p: Array, d: Array) -> float:
     return max(0.0, -b + math.sqrt(max(0.0, b * b - c)))
 
 
-@kernel
+@inner_kernel
 def _write(
     reals: Array,
     words: Array,
@@ -414,7 +418,7 @@ def _write(
     _write_words(reals, words, r, p, item, triangle, event, medium, channel)
 
 
-@kernel
+@inner_kernel
 def _write_words(
     reals: Array,
     words: Array,

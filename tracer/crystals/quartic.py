@@ -14,12 +14,12 @@ from __future__ import annotations
 
 import math
 
-from raymap.kernels import kernel
+from raymap.kernels import inner_kernel
 
 __all__ = ["booker_coefficients", "factor_quartic", "factor_with_root", "largest_cubic_root"]
 
 
-@kernel
+@inner_kernel
 def booker_coefficients(
     e11: float, e22: float, e33: float, e12: float, e13: float, e23: float, xi: float
 ) -> tuple[float, float, float, float]:
@@ -33,7 +33,7 @@ def booker_coefficients(
     return a3 / e33, a2 / e33, a1 / e33, a0 / e33
 
 
-@kernel
+@inner_kernel
 def largest_cubic_root(b: float, c: float, d: float) -> float:
     """Largest real root of z^3 + b z^2 + c z + d."""
     shift = b / 3.0
@@ -61,7 +61,7 @@ def largest_cubic_root(b: float, c: float, d: float) -> float:
     return z
 
 
-@kernel
+@inner_kernel
 def factor_quartic(a3: float, a2: float, a1: float, a0: float) -> tuple[float, float, float, float]:
     """Real quadratics (q^2 + b1 q + c1)(q^2 + b2 q + c2) of the quartic.
 
@@ -116,7 +116,7 @@ def factor_quartic(a3: float, a2: float, a1: float, a0: float) -> tuple[float, f
     return b1, c1, b2, c2
 
 
-@kernel
+@inner_kernel
 def factor_with_root(
     a3: float,
     a2: float,

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from raymap.kernels import kernel
+from raymap.kernels import inner_kernel, kernel, lean_kernel
 from tracer.crystals.bodies import BodyArrays
 from tracer.crystals.interface import WAVE, interface_event
 from tracer.crystals.rows import ISOTROPIC, KIND
@@ -52,7 +52,7 @@ def tree_scratch(capacity: int) -> TreeScratch:
         np.zeros((3, 4, 4), np.float64),
         np.zeros((2, 4, 5), np.complex128),
         np.zeros((4, 7), np.complex128),
-        np.zeros((8, 3), np.float64),
+        np.zeros((8, 6), np.float64),
         np.zeros((2, 4, WAVE), np.float64),
         np.zeros((capacity, NODE), np.float64),
         np.zeros(capacity, np.int64),
@@ -63,7 +63,7 @@ def tree_scratch(capacity: int) -> TreeScratch:
     )
 
 
-@kernel
+@inner_kernel
 def _enter_convex(
     planes: Array, start: int, end: int, p: Array, dx: float, dy: float, dz: float
 ) -> tuple[float, int]:
@@ -90,7 +90,7 @@ def _enter_convex(
     return near, found
 
 
-@kernel
+@inner_kernel
 def _leave_convex(
     planes: Array, start: int, end: int, p: Array, dx: float, dy: float, dz: float
 ) -> tuple[float, int]:
@@ -107,7 +107,7 @@ def _leave_convex(
     return max(best, 0.0), found
 
 
-@kernel
+@inner_kernel
 def next_boundary(
     bodies: BodyArrays,
     p: Array,
@@ -172,7 +172,7 @@ def next_boundary(
     return best, body, nx, ny, nz, primitive
 
 
-@kernel
+@inner_kernel
 def body_behind(
     bodies: BodyArrays, own: int, x: float, y: float, z: float, nx: float, ny: float, nz: float
 ) -> int:
@@ -193,7 +193,7 @@ def body_behind(
     return -1
 
 
-@kernel
+@inner_kernel
 def _push(nodes: Array, heap: Array, size: int, slot: int) -> None:
     """Add a filled slot to the heap of ``size`` entries."""
     weight = nodes[slot, _WEIGHT]
@@ -207,7 +207,7 @@ def _push(nodes: Array, heap: Array, size: int, slot: int) -> None:
     heap[k] = slot
 
 
-@kernel
+@inner_kernel
 def _pop(nodes: Array, heap: Array, size: int) -> int:
     """Take the heaviest of ``size`` entries out."""
     top = int(heap[0])
@@ -228,7 +228,7 @@ def _pop(nodes: Array, heap: Array, size: int) -> int:
     return top
 
 
-@kernel
+@lean_kernel
 def grow_tree(
     bodies: BodyArrays,
     media: Array,

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.kernels import kernel
+from raymap.kernels import inner_kernel
 
 __all__ = ["TriangleTree", "build_triangle_tree", "first_triangle"]
 
@@ -69,7 +69,7 @@ def build_triangle_tree(vertices: Real, faces: NDArray[np.int64]) -> TriangleTre
     )
 
 
-@kernel
+@inner_kernel
 def first_triangle(
     root: int,
     boxes: Array,

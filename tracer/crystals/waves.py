@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from raymap.kernels import kernel
+from raymap.kernels import inner_kernel
 from tracer.crystals.media import Crystal
 from tracer.crystals.rows import EPS_ABSORPTION
 
@@ -103,7 +103,7 @@ def waves_along(
     return CrystalWaves(refraction_vector=big_n, direction=direction, field=field)
 
 
-@kernel
+@inner_kernel
 def ray_absorption(
     row: Array, px: float, py: float, pz: float, ex: complex, ey: complex, ez: complex
 ) -> float:

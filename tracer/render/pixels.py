@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from raymap.kernels import kernel
+from raymap.kernels import inner_kernel, kernel
 from tracer.crystals.bodies import BodyArrays
 from tracer.crystals.rows import EPS_ORDINARY
 from tracer.crystals.tree import (
@@ -32,7 +32,7 @@ _CLOSER = 0.85
 """The next ray is tried with what the last one would have needed, and a little less."""
 
 
-@kernel
+@inner_kernel
 def _srgb_slope(value: float) -> float:
     """Slope of the sRGB curve, steepest in the dark."""
     if value <= 0.0031308:
@@ -41,7 +41,7 @@ def _srgb_slope(value: float) -> float:
     return slope
 
 
-@kernel
+@inner_kernel
 def _tree_radiance(
     bodies: BodyArrays,
     room: RoomArrays,
@@ -81,7 +81,7 @@ def _tree_radiance(
     return total, left_out, cut
 
 
-@kernel
+@inner_kernel
 def _allowance(
     radiance: Array, pruned: Array, weights: Array, bounds: Array, base: Array, steps: float
 ) -> tuple[bool, float]:

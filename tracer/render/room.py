@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from raymap.errors import SceneError
-from raymap.kernels import kernel
+from raymap.kernels import inner_kernel
 
 __all__ = ["WALLS", "Room", "RoomArrays", "checker_board", "uniform", "wall_radiance"]
 
@@ -108,7 +108,7 @@ def checker_board(
     return texture
 
 
-@kernel
+@inner_kernel
 def wall_radiance(
     room: RoomArrays,
     px: float,
