@@ -22,12 +22,14 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.
 
 def register(app: typer.Typer) -> None:
     """Hang the commands of this package on the application."""
+    from tracer.scattering import cli as scattering_cli
     from tracer.studies import cli_polarization, crystal_cli
 
     app.command("record")(record)
     app.command("check")(check)
     cli_polarization.register(app)
     crystal_cli.register(app)
+    scattering_cli.register(app)
 
 
 def record(
