@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from raymap.errors import SceneError
-from raymap.kernels import lean_kernel
+from raymap.kernels import inner_kernel, lean_kernel
 
 __all__ = [
     "abg",
@@ -60,7 +60,7 @@ def eval_radial(table: F64, first: int, rho: float) -> float:
     return math.exp(a + (x - low) * (b - a))
 
 
-@lean_kernel
+@inner_kernel
 def _sample_rho(table: F64, first: int, u: float) -> float:
     """Distance from the specular ray with density proportional to f(rho) rho, up to rho = 2."""
     cumulative = first + _HEAD + _NODES
@@ -124,7 +124,7 @@ def sample_radial(
     return beta_x, beta_y, math.sqrt(max(0.0, 1.0 - beta_x * beta_x - beta_y * beta_y))
 
 
-@lean_kernel
+@inner_kernel
 def _again(a: float, b: float) -> float:
     """A further uniform number from two, by SplitMix64's mixing of their digits."""
     word = np.uint64(a * 9007199254740992.0) * np.uint64(0x9E3779B97F4A7C15)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from raymap.errors import SceneError
-from raymap.kernels import lean_kernel
+from raymap.kernels import inner_kernel, lean_kernel
 
 __all__ = [
     "check_energy",
@@ -120,7 +120,7 @@ _THETA_I, _THETA_O, _PHI, _PHI_SPAN = 0, 1, 2, 3
 _HEAD = 4
 
 
-@lean_kernel
+@inner_kernel
 def _slice(table: F64, first: int, wi_z: float) -> tuple[int, float]:
     """Slice below an angle of incidence and the share of the slice above."""
     n = int(table[first + _THETA_I])

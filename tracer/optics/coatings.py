@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from raymap.errors import SceneError
-from raymap.kernels import lean_kernel
+from raymap.kernels import inner_kernel, lean_kernel
 
 __all__ = [
     "COATING_ANGLES",
@@ -91,7 +91,7 @@ def coating_share(
     return reflected, _at(tables, first + 2 * COATING_ANGLES, x)
 
 
-@lean_kernel
+@inner_kernel
 def _at(tables: F64, first: int, x: float) -> float:
     place = min(1.0, max(0.0, x)) * (COATING_ANGLES - 1)
     low = min(COATING_ANGLES - 2, int(place))

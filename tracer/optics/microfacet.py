@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.errors import SceneError
-from raymap.kernels import lean_kernel
+from raymap.kernels import inner_kernel, lean_kernel
 from tracer.optics.fresnel import fresnel_conductor, fresnel_reflectance
 
 __all__ = [
@@ -96,7 +96,7 @@ def sample_ggx_normal(
     return mx * scale, my * scale, mz * scale
 
 
-@lean_kernel
+@inner_kernel
 def _sample_lobe(table: F64, first: int, u1: float, u2: float, sign: float) -> Vector:
     """A direction with density proportional to the losses of a table times the cosine."""
     # Find the interval of the cosine, then invert the cubic inside it
@@ -135,13 +135,13 @@ def _sample_lobe(table: F64, first: int, u1: float, u2: float, sign: float) -> V
     return sine * math.cos(phi), sine * math.sin(phi), sign * cosine
 
 
-@lean_kernel
+@inner_kernel
 def _lobe_integral(a: float, b: float, left: float, t: float) -> float:
     """Integral of (a + b s) (left + s) for s from 0 to t."""
     return a * left * t + 0.5 * (a + b * left) * t * t + b * t * t * t / 3.0
 
 
-@lean_kernel
+@inner_kernel
 def _loss(table: F64, first: int, cosine: float) -> float:
     """Loss at a cosine, linear between nodes."""
     x = min(1.0, max(0.0, cosine)) * (_NODES - 1)
@@ -276,7 +276,7 @@ def sample_rough_dielectric(
     return x, y, z, -1.0
 
 
-@lean_kernel
+@inner_kernel
 def _index_node(ratio: float) -> tuple[int, float]:
     """Node below an index ratio in the table, and the share of the node above."""
     x = (math.log(ratio) + _LOG_RANGE) * (0.5 * (_INDICES - 1) / _LOG_RANGE)
@@ -285,21 +285,21 @@ def _index_node(ratio: float) -> tuple[int, float]:
     return low, x - low
 
 
-@lean_kernel
+@inner_kernel
 def _between(table: F64, first: int, ratio: float, entry: int) -> float:
     low, weight = _index_node(ratio)
     k = first + low * _LOBE + entry
     return float((1.0 - weight) * table[k] + weight * table[k + _LOBE])
 
 
-@lean_kernel
+@inner_kernel
 def _side_loss(table: F64, first: int, ratio: float, cosine: float) -> float:
     low, weight = _index_node(ratio)
     k = first + low * _LOBE
     return (1.0 - weight) * _loss(table, k, cosine) + weight * _loss(table, k + _LOBE, cosine)
 
 
-@lean_kernel
+@inner_kernel
 def _compensation(table: F64, first: int, n_i: float, n_o: float) -> tuple[float, float]:
     """Shares of the compensating light that are reflected and transmitted; reciprocal."""
     mean_i = n_i * n_i * _between(table, first, n_i / n_o, 2 * _NODES)
@@ -366,7 +366,7 @@ def pdf_rough_dielectric(
     return value * abs(wo_z)
 
 
-@lean_kernel
+@inner_kernel
 def _loss_by_quadrature(alpha: float, cosine: float, ratio: float, steps: int) -> float:
     """Share of light whose first facet sends it into another; ratio 0 stands for a metal."""
     sine = math.sqrt(1.0 - cosine * cosine)

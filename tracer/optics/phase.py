@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from raymap.errors import SceneError
-from raymap.kernels import lean_kernel
+from raymap.kernels import inner_kernel, lean_kernel
 
 __all__ = [
     "GENERALIZED",
@@ -171,7 +171,7 @@ def sample_tabulated_phase(tables: NDArray[np.float64], first: int, count: int, 
     return float(mu_0 + (mu_1 - mu_0) * min(1.0, max(0.0, share)))
 
 
-@lean_kernel
+@inner_kernel
 def _interval(table: NDArray[np.float64], first: int, count: int, value: float) -> int:
     """Largest i <= count - 2 with table[first + i] <= value."""
     low, high = 0, count - 1

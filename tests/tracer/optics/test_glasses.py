@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 import pytest
 
-from raymap.errors import SceneError
+from raymap.errors import MissingExtra, SceneError
 from tracer.optics import dispersion as law
 from tracer.optics.absorption import absorption_from_transmittance, extinction_index
 from tracer.optics.glasses import find_glass, glass_names
@@ -65,9 +65,13 @@ def test_every_shipped_row_gives_an_index_where_it_says() -> None:
         assert np.all(glass.absorption(np.linspace(450, 650, 9)) >= 0)
 
 
-def test_unknown_names_show_the_nearest() -> None:
-    with pytest.raises(SceneError, match="no glass 'N-BK77'; the nearest names are 'N-BK7'"):
+def test_unknown_names_show_the_nearest(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tracer.optics.glasses.util.find_spec", lambda _name: None)
+    words = r"no glass 'N-BK77'; the nearest names are 'N-BK7', .* with the package opticalglass"
+    with pytest.raises(SceneError, match=words):
         find_glass("N-BK77")
+    with pytest.raises(MissingExtra, match=r"'H-K9L' of CDGM.*pip install opticalglass"):
+        find_glass("H-K9L", "CDGM")
     with pytest.raises(SceneError, match="no maker 'Zeiss'"):
         find_glass("N-BK7", "Zeiss")
 
