@@ -63,9 +63,10 @@ def lobe_table(full: bool) -> NDArray[np.float64]:
     return np.concatenate((np.zeros(5), bsdf.tabulated_bsdf(theta_i, theta_o, phi, values)))
 
 
-@pytest.mark.parametrize("full", [False, True])
-@pytest.mark.parametrize("angle", [0.0, 17.0, 45.0, 75.0])
-@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("full", "angle", "side"),
+    [(False, 0.0, 1.0), (True, 17.0, 1.0), (False, 45.0, -1.0), (True, 75.0, -1.0)],
+)
 def test_tables_are_sampled_as_evaluated(full: bool, angle: float, side: float) -> None:
     table = lobe_table(full)
     wi = incident(angle, 200.0)
