@@ -164,7 +164,8 @@ class _Names:
 
     def column(self, kind: str, indices: NDArray[Any]) -> pa.Array:
         """Indices as dictionary-encoded names; -1 becomes null."""
-        codes = pa.array(indices.astype(np.int32), mask=indices < 0)
+        # Some readers check the codes under the nulls, too
+        codes = pa.array(np.maximum(indices, 0).astype(np.int32), mask=indices < 0)
         return pa.DictionaryArray.from_arrays(codes, self._values[kind])
 
     def faces_of(self, portion: Portion) -> NDArray[np.int32]:

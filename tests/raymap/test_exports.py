@@ -193,3 +193,34 @@ def test_taking_all_rays_of_a_portion_changes_nothing():
     np.testing.assert_array_equal(taken.ray_ids, ids)
     if len(taken.color_table) == len(portion.color_table):
         assert_same_portion(portion, taken)
+
+
+def test_duckdb_answers_like_the_query(ray_map, tmp_path):
+    """The same questions as criteria and as SQL on the exported rows."""
+    query = pytest.importorskip("query")
+    path = tmp_path / "a.parquet"
+    raymap.export(ray_map, path)
+    reflected = int(raymap.FAMILIES["reflected"])
+    questions = {
+        'hit("lens")': "bool_or(object = 'lens' and step > 0)",
+        'hit("lens.mesh")': "bool_or(object = 'lens' and face = 'mesh' and step > 0)",
+        'source("sun") & !hit("box")': "any_value(source) = 'sun' "
+        "and not coalesce(bool_or(object = 'box' and step > 0), false)",
+        'count(hit("*", reflected)) >= 1': "count(*) filter "
+        f"(where object is not null and step > 0 and (event & {reflected}) != 0) >= 1",
+        'medium("glass")': "bool_or(medium = 'glass' and step < n)",
+        'detected("sensor")': "bool_or(len(list_filter(descriptors, "
+        "lambda d : d.detector = 'sensor' and d.registered)) > 0)",
+    }
+    with duckdb.connect() as base:
+        base.execute(
+            "create table rows as select *, max(step) over (partition by ray_id) as n "
+            "from read_parquet(?)",
+            [str(path)],
+        )
+        for criterion, condition in questions.items():
+            rows = base.execute(
+                f"select ray_id from rows group by ray_id having {condition} order by ray_id"
+            ).fetchall()
+            found = query.select(ray_map, criterion).ray_ids
+            assert [ray_id for (ray_id,) in rows] == list(found), criterion
