@@ -2,7 +2,6 @@
 
 import json
 import struct
-from pathlib import Path
 
 import numpy as np
 import xxhash
@@ -14,7 +13,8 @@ KINDS = ["u1", "i1", "<u2", "<i2", "<u4", "<i4", "<u8", "<i8", "<f4", "<f8", "?"
 @np.errstate(all="ignore")
 def read_map(path):
     """(directory, channel sets, portions); a portion is a dict of columns."""
-    data = Path(path).read_bytes()
+    with open(path, "rb") as file:
+        data = file.read()
     assert data[:14] == b"\x89RAYMAP\r\n\x1a\n\0\1\0"
     directory, channels, portions, offset = {}, [], [], 16
     while offset < len(data):
