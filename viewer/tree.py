@@ -135,11 +135,12 @@ def _put(tree: Tree, place: Place, node: Tree) -> Tree:
 
 
 def add_node(tree: Tree | None, place: Place, atom: Tree, operator: str = "and") -> Tree:
-    """Add a condition to the group at a place; a single condition becomes a group with it."""
+    """Join a condition to the node at a place: as a member of a group that joins in this way, else
+    in a new group with the node."""
     if tree is None:
         return atom
     node = _node(tree, place)
-    if node["op"] in GROUPS:
+    if node["op"] == operator:
         return _put(tree, place, {**node, "args": [*node["args"], atom]})
     return _put(tree, place, {"op": operator, "args": [node, atom]})
 

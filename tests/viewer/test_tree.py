@@ -46,8 +46,11 @@ def test_conditions_are_added() -> None:
     atom = make_atom("hit", "L1.back", "reflected")
     assert tree_text(add_node(None, (), atom)) == 'hit("L1.back", reflected)'
     assert edit('detected("a")', add_node, (), atom) == 'detected("a") & hit("L1.back", reflected)'
-    assert edit(TEXT, add_node, (2,), make_atom("detected", "c")).endswith(
+    assert edit(TEXT, add_node, (2,), make_atom("detected", "c"), "or").endswith(
         '(detected("a") | detected("b") | detected("c"))'
+    )
+    assert edit('hit("a") & hit("b")', add_node, (), atom, "or") == (
+        'hit("a") & hit("b") | hit("L1.back", reflected)'
     )
     ordered = edit('hit("L2.front", reflected)', add_node, (), atom, "then")
     assert ordered == 'hit("L2.front", reflected) -> hit("L1.back", reflected)'
