@@ -74,13 +74,15 @@ def mend(data: bytes) -> bytes:
     mended = bytearray(data)
     place = mended.find(TAG_PREFIX, FILE_HEADER_SIZE)
     while place >= 0:
+        after = place + 1
         with contextlib.suppress(raymap.FormatError, struct.error):
-            _mend_chunk(mended, place)
-        place = mended.find(TAG_PREFIX, place + 1)
+            after = max(after, _mend_chunk(mended, place))  # names inside may look like tags
+        place = mended.find(TAG_PREFIX, after)
     return bytes(mended)
 
 
-def _mend_chunk(data: bytearray, offset: int) -> None:
+def _mend_chunk(data: bytearray, offset: int) -> int:
+    """Mend one chunk; the offset behind it."""
     end = offset + header_size(bytes(data[offset : offset + CHUNK_HEADER_SIZE]))
     (meta_size,) = struct.unpack_from("<I", data, offset + 12)
     row = offset + CHUNK_HEADER_SIZE + meta_size
@@ -93,6 +95,7 @@ def _mend_chunk(data: bytearray, offset: int) -> None:
         row += STREAM_ENTRY_SIZE
     head = bytes(data[offset : offset + 24]) + bytes(data[offset + CHUNK_HEADER_SIZE : end])
     struct.pack_into("<Q", data, offset + 24, xxhash.xxh3_64_intdigest(head))
+    return stream
 
 
 def one_input(data: bytes) -> None:
