@@ -135,7 +135,9 @@ def _validated(model: type[Model], entry: Any, place: str, origin: str) -> Model
 
 def _first_line(error: ValidationError, model: type[BaseModel], place: str) -> str:
     """The first complaint as 'key: what is wrong; remedy'."""
-    problem = error.errors()[0]
+    # A misspelt key is reported before the key that it leaves missing.
+    problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
+    problem = problems[0]
     parts = [str(part) for part in problem["loc"]]
     fields = model
     for part in parts[:-1]:
@@ -150,7 +152,7 @@ def _first_line(error: ValidationError, model: type[BaseModel], place: str) -> s
     message = message[0].lower() + message[1:]
     given = problem.get("input")
     shown = f" (it is {given!r})" if isinstance(given, int | float | str) else ""
-    more = len(error.errors()) - 1
+    more = len(problems) - 1
     rest = f" [and {more} more]" if more else ""
     return f"{key}: {message}{shown}{rest}"
 
