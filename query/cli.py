@@ -1,4 +1,4 @@
-"""Commands that ask a map: query, paths, report, image, audit, ghosts, sweep, compare."""
+"""Commands that ask a map: query, paths, report, image; the studies stand in `cli_studies`."""
 
 from __future__ import annotations
 
@@ -7,16 +7,20 @@ from typing import Annotated, Any
 
 import typer
 
-__all__ = ["register"]
+from query.cli_options import (
+    Criterion,
+    Filter,
+    Json,
+    MapPath,
+    Opened,
+    Strict,
+    Threads,
+    progress_line,
+    read_criterion,
+)
+from query.cli_studies import audit, compare, ghosts, illuminated, sweep
 
-MapPath = Annotated[Path, typer.Argument(help="A ray map, or a folder of them.")]
-Criterion = Annotated[str | None, typer.Argument(help="Which rays; all without it.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
-Strict = Annotated[bool, typer.Option("--strict", help="Fail at damage instead of skipping it.")]
-Threads = Annotated[int | None, typer.Option(min=1, help="Default: the cores there are.")]
-Filter = Annotated[
-    bool, typer.Option("--filter-string", help="The criterion is a filter string: H3 & !R4.")
-]
+__all__ = ["register"]
 
 
 def register(app: typer.Typer) -> None:
@@ -30,56 +34,6 @@ def register(app: typer.Typer) -> None:
     app.command("illuminated")(illuminated)
     app.command("sweep")(sweep)
     app.command("compare")(compare)
-
-
-class _Opened:
-    """A map for one command: damage is skipped with a warning unless strict."""
-
-    def __init__(self, path: Path, strict: bool) -> None:
-        from raymap.cli import open_map
-
-        self.map = open_map(path, strict)
-        self._known = len(self.map.damage)
-
-    def __enter__(self) -> Any:
-        return self.map
-
-    def __exit__(self, *error: object) -> None:
-        from raymap.cli import warn_of_damage
-
-        # Damage that was met on the way, too, is said on stderr.
-        warn_of_damage(self.map, self._known)
-        self.map.close()
-
-
-def _criterion(text: str | None, map: Any, is_filter: bool) -> Any:
-    if text is None or not is_filter:
-        return text
-    from query.filter_strings import translate
-
-    return translate(text, map)
-
-
-def _progress(json: bool) -> Any:
-    """A progress line on stderr for searches that take longer than a moment."""
-    import sys
-    import time
-
-    if json or not sys.stderr.isatty():
-        return None
-    state = {"start": time.monotonic(), "last": 0.0}
-
-    def show(progress: Any) -> None:
-        now = time.monotonic()
-        if now - state["start"] < 0.5 or now - state["last"] < 0.1:
-            return
-        state["last"] = now
-        done = progress.portions_done == progress.portions
-        text = f"{progress.fraction:4.0%}  {progress.matched:,} rays"
-        sys.stderr.write(f"\r\x1b[K{'' if done else text}")
-        sys.stderr.flush()
-
-    return show
 
 
 def query(
@@ -106,8 +60,8 @@ def query(
         from query.output import check_target
 
         check_target(output, rows)
-    with _Opened(map, strict) as ray_map:
-        asked = _criterion(criterion, ray_map, filter_string)
+    with Opened(map, strict) as ray_map:
+        asked = read_criterion(criterion, ray_map, filter_string)
         if explain:
             _explain(ray_map, asked, threads, json)
             return
@@ -119,7 +73,7 @@ def query(
             limit=limit,
             rays=not only_count,
             threads=threads,
-            progress=_progress(json),
+            progress=progress_line(json),
         )
         if output is not None:
             selection.write(output, rows)
@@ -171,8 +125,8 @@ def paths(
     from query.tables import path_table
     from raymap.cli import emit_json
 
-    with _Opened(map, strict) as ray_map:
-        asked = _criterion(criterion, ray_map, filter_string)
+    with Opened(map, strict) as ray_map:
+        asked = read_criterion(criterion, ray_map, filter_string)
         table = path_table(
             ray_map,
             asked,
@@ -180,7 +134,7 @@ def paths(
             sort=sort,
             peak=peak,
             threads=threads,
-            progress=_progress(json),
+            progress=progress_line(json),
         )
         table = table.filter(
             reflections=reflections,
@@ -209,7 +163,7 @@ def report(
     from query.ray_report import report as report_of
     from raymap.cli import emit_json
 
-    with _Opened(map, strict) as ray_map:
+    with Opened(map, strict) as ray_map:
         ray = report_of(ray_map, ray_id)
         if json:
             emit_json(ray)
@@ -252,13 +206,13 @@ def image(
         if not equals or not name:
             raise typer.BadParameter("--layer is NAME=CRITERION")
         targets[name] = output.with_name(f"{output.stem}-{name}{output.suffix}")
-    with _Opened(map, strict) as ray_map:
-        layers = {"": _criterion(criterion, ray_map, filter_string)}
+    with Opened(map, strict) as ray_map:
+        layers = {"": read_criterion(criterion, ray_map, filter_string)}
         for text in layer or ():
             name, _, asked = text.partition("=")
-            layers[name] = _criterion(asked, ray_map, filter_string)
+            layers[name] = read_criterion(asked, ray_map, filter_string)
         pictures = detector_images(
-            ray_map, detector, layers, threads=threads, progress=_progress(json)
+            ray_map, detector, layers, threads=threads, progress=progress_line(json)
         )
         written = [
             _written(write_image(picture, targets[name], kind), picture)
@@ -289,132 +243,3 @@ def _written(path: Path, picture: Any) -> dict[str, Any]:
         "peak_unit": picture.irradiance_unit if flat else None,
         "cell_area_m2": picture.cell_area_m2,
     }
-
-
-def audit(
-    map: MapPath,
-    criterion: Criterion = None,
-    threads: Threads = None,
-    json: Json = False,
-    strict: Strict = False,
-) -> None:
-    """Where the light of each source ended: absorbed, detected, left, stopped, errors."""
-    from query.energy import CLASSES
-    from query.energy import audit as audit_of
-    from raymap.cli import emit_json
-
-    with _Opened(map, strict) as ray_map:
-        result = audit_of(ray_map, criterion, threads=threads)
-        answer = result.to_json()
-        if json:
-            emit_json(answer)
-            return
-        from query.terminal import print_rows
-
-        kinds = ("emitted", *CLASSES, "missing")
-        rows = [
-            {"source": name} | {kind: entry["flux"][kind] for kind in kinds}
-            for name, entry in answer["sources"].items()
-        ]
-        print_rows(rows, f"flux [{result.flux_unit}] by how it ended")
-        takers = [
-            {"object": name, "rays": entry["rays"], "flux": entry["flux"]}
-            for name, entry in answer["absorbed_by"].items()
-        ]
-        print_rows(takers, "absorbed by")
-
-
-def ghosts(
-    map: MapPath,
-    detector: Annotated[str | None, typer.Argument(help="Only ghosts it registers.")] = None,
-    criterion: Criterion = None,
-    top: Annotated[int, typer.Option(min=1, help="This many pairs.")] = 20,
-    threads: Threads = None,
-    json: Json = False,
-    strict: Strict = False,
-) -> None:
-    """Two-reflection ghosts by the pair of faces that reflect."""
-    from query.ghosts import ghost_matrix
-    from raymap.cli import emit_json
-
-    with _Opened(map, strict) as ray_map:
-        matrix = ghost_matrix(ray_map, detector, criterion, threads=threads)
-        if json:
-            emit_json(matrix.to_json() | {"pairs": matrix.pairs()})
-            return
-        from query.terminal import print_rows
-
-        rows = [{k: v for k, v in row.items() if k != "criterion"} for row in matrix.pairs(top)]
-        print_rows(rows, f"two-reflection ghosts, {matrix.total:.5g} {matrix.flux_unit}")
-
-
-def illuminated(
-    map: MapPath,
-    detector: Annotated[str, typer.Argument(help="Name of the detector.")],
-    criterion: Criterion = None,
-    threads: Threads = None,
-    json: Json = False,
-    strict: Strict = False,
-) -> None:
-    """Objects that the sources light, objects that the detector sees, and both."""
-    from query.illumination import illuminated as light_of
-    from raymap.cli import emit_json
-
-    with _Opened(map, strict) as ray_map:
-        result = light_of(ray_map, detector, criterion, threads=threads)
-        if json:
-            emit_json(result.to_json())
-            return
-        from query.terminal import print_rows
-
-        print_rows(result.to_json()["objects"], f"objects lit, and seen by {result.detector}")
-        typer.echo(f"illuminated and critical: {', '.join(result.both) or 'none'}")
-
-
-def sweep(
-    map: MapPath,
-    detector: Annotated[str, typer.Argument(help="Name of the detector.")],
-    criterion: Criterion = None,
-    threads: Threads = None,
-    json: Json = False,
-    strict: Strict = False,
-) -> None:
-    """Flux at a detector and point source transmittance, source by source."""
-    from query.sweeps import sweep as sweep_of
-    from raymap.cli import emit_json
-
-    with _Opened(map, strict) as ray_map:
-        rows = [row.to_json() for row in sweep_of(ray_map, detector, criterion, threads=threads)]
-        if json:
-            emit_json(rows)
-            return
-        from query.terminal import print_rows
-
-        shown = [{k: v for k, v in row.items() if k != "parameters"} for row in rows]
-        print_rows(shown, f"flux at {detector} by source")
-
-
-def compare(
-    map: MapPath,
-    other: Annotated[Path, typer.Argument(help="The map to compare with.")],
-    criterion: Criterion = None,
-    by: Annotated[str, typer.Option(help="object or face.")] = "face",
-    top: Annotated[int, typer.Option(min=1, help="This many rows.")] = 20,
-    threads: Threads = None,
-    json: Json = False,
-    strict: Strict = False,
-) -> None:
-    """Two maps path by path, with the significance of the differences."""
-    from query.comparison import compare as compare_maps
-    from raymap.cli import emit_json
-
-    with _Opened(map, strict) as first, _Opened(other, strict) as second:
-        result = compare_maps(first, second, criterion, by=by, threads=threads)
-        if json:
-            emit_json(result.to_json(top))
-            return
-        from query.terminal import print_rows
-
-        keys = ("flux_a", "flux_b", "difference", "se", "z", "significant", "path")
-        rows = [{k: row[k] for k in keys} for row in result.to_json(top)["paths"]]
-        print_rows(rows, f"{len(result.significant)} significant of {len(result.paths)} paths")

@@ -1,0 +1,141 @@
+"""Commands for studies of a map: audit, ghosts, illuminated, sweep, compare."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from query.cli_options import Criterion, Json, MapPath, Opened, Strict, Threads
+
+__all__ = ["audit", "compare", "ghosts", "illuminated", "sweep"]
+
+
+def audit(
+    map: MapPath,
+    criterion: Criterion = None,
+    threads: Threads = None,
+    json: Json = False,
+    strict: Strict = False,
+) -> None:
+    """Where the light of each source ended: absorbed, detected, left, stopped, errors."""
+    from query.energy import CLASSES
+    from query.energy import audit as audit_of
+    from raymap.cli import emit_json
+
+    with Opened(map, strict) as ray_map:
+        result = audit_of(ray_map, criterion, threads=threads)
+        answer = result.to_json()
+        if json:
+            emit_json(answer)
+            return
+        from query.terminal import print_rows
+
+        kinds = ("emitted", *CLASSES, "missing")
+        rows = [
+            {"source": name} | {kind: entry["flux"][kind] for kind in kinds}
+            for name, entry in answer["sources"].items()
+        ]
+        print_rows(rows, f"flux [{result.flux_unit}] by how it ended")
+        takers = [
+            {"object": name, "rays": entry["rays"], "flux": entry["flux"]}
+            for name, entry in answer["absorbed_by"].items()
+        ]
+        print_rows(takers, "absorbed by")
+
+
+def ghosts(
+    map: MapPath,
+    detector: Annotated[str | None, typer.Argument(help="Only ghosts it registers.")] = None,
+    criterion: Criterion = None,
+    top: Annotated[int, typer.Option(min=1, help="This many pairs.")] = 20,
+    threads: Threads = None,
+    json: Json = False,
+    strict: Strict = False,
+) -> None:
+    """Two-reflection ghosts by the pair of faces that reflect."""
+    from query.ghosts import ghost_matrix
+    from raymap.cli import emit_json
+
+    with Opened(map, strict) as ray_map:
+        matrix = ghost_matrix(ray_map, detector, criterion, threads=threads)
+        if json:
+            emit_json(matrix.to_json() | {"pairs": matrix.pairs()})
+            return
+        from query.terminal import print_rows
+
+        rows = [{k: v for k, v in row.items() if k != "criterion"} for row in matrix.pairs(top)]
+        print_rows(rows, f"two-reflection ghosts, {matrix.total:.5g} {matrix.flux_unit}")
+
+
+def illuminated(
+    map: MapPath,
+    detector: Annotated[str, typer.Argument(help="Name of the detector.")],
+    criterion: Criterion = None,
+    threads: Threads = None,
+    json: Json = False,
+    strict: Strict = False,
+) -> None:
+    """Objects that the sources light, objects that the detector sees, and both."""
+    from query.illumination import illuminated as light_of
+    from raymap.cli import emit_json
+
+    with Opened(map, strict) as ray_map:
+        result = light_of(ray_map, detector, criterion, threads=threads)
+        if json:
+            emit_json(result.to_json())
+            return
+        from query.terminal import print_rows
+
+        print_rows(result.to_json()["objects"], f"objects lit, and seen by {result.detector}")
+        typer.echo(f"illuminated and critical: {', '.join(result.both) or 'none'}")
+
+
+def sweep(
+    map: MapPath,
+    detector: Annotated[str, typer.Argument(help="Name of the detector.")],
+    criterion: Criterion = None,
+    threads: Threads = None,
+    json: Json = False,
+    strict: Strict = False,
+) -> None:
+    """Flux at a detector and point source transmittance, source by source."""
+    from query.sweeps import sweep as sweep_of
+    from raymap.cli import emit_json
+
+    with Opened(map, strict) as ray_map:
+        rows = [row.to_json() for row in sweep_of(ray_map, detector, criterion, threads=threads)]
+        if json:
+            emit_json(rows)
+            return
+        from query.terminal import print_rows
+
+        shown = [{k: v for k, v in row.items() if k != "parameters"} for row in rows]
+        print_rows(shown, f"flux at {detector} by source")
+
+
+def compare(
+    map: MapPath,
+    other: Annotated[Path, typer.Argument(help="The map to compare with.")],
+    criterion: Criterion = None,
+    by: Annotated[str, typer.Option(help="object or face.")] = "face",
+    top: Annotated[int, typer.Option(min=1, help="This many rows.")] = 20,
+    threads: Threads = None,
+    json: Json = False,
+    strict: Strict = False,
+) -> None:
+    """Two maps path by path, with the significance of the differences."""
+    from query.comparison import compare as compare_maps
+    from raymap.cli import emit_json
+
+    with Opened(map, strict) as first, Opened(other, strict) as second:
+        result = compare_maps(first, second, criterion, by=by, threads=threads)
+        if json:
+            emit_json(result.to_json(top))
+            return
+        from query.terminal import print_rows
+
+        keys = ("flux_a", "flux_b", "difference", "se", "z", "significant", "path")
+        rows = [{k: row[k] for k in keys} for row in result.to_json(top)["paths"]]
+        print_rows(rows, f"{len(result.significant)} significant of {len(result.paths)} paths")
