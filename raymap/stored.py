@@ -2,24 +2,16 @@
 
 from __future__ import annotations
 
-from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.errors import DamagedPortion, FormatError, RayNotFound
-from raymap.footer import IndexEntry
-from raymap.layout import PORTION, ChunkHeader, StreamEntry
-from raymap.paths import PathDictionary
-from raymap.pathstreams import check_itineraries, offsets_from_counts
-from raymap.portion import Descriptors, Portion
-from raymap.portionmeta import DESCRIPTOR_STREAMS, Encoding, PortionMeta
-from raymap.schema import COLOR_SCALE, NONE, SEGMENT_DTYPE
+from raymap.errors import FormatError, RayNotFound
+from raymap.portion import Portion
+from raymap.portiongeometry import PortionGeometry
+from raymap.schema import COLOR_SCALE, SEGMENT_DTYPE
 from raymap.streams import Scope, decode_column
-
-if TYPE_CHECKING:
-    from raymap.reader import RayMap
 
 __all__ = ["StoredPortion"]
 
@@ -40,7 +32,7 @@ _RAY_COLUMNS = ("source", "weight", "emission")
 _POINT_COLUMNS = ("object", "face", "event", "medium")
 
 
-class StoredPortion:
+class StoredPortion(PortionGeometry):
     """One portion of an open map; every method may be called from many threads.
 
     Attributes
@@ -51,29 +43,6 @@ class StoredPortion:
     grouped : several rays may stem from one emission
     stored_bytes : bytes of its chunk
     """
-
-    def __init__(self, map: RayMap, index: IndexEntry) -> None:
-        self._map = self.map = map
-        self._index = self.index = index
-        meta = index.meta
-        self.number = meta.number
-        self.first_ray = meta.first_ray
-        self.last_ray = meta.last_ray
-        self.n_rays = meta.n_rays
-        self.n_records = meta.n_records
-        self.n_descriptors = meta.n_descriptors
-        self.emitted = meta.emitted
-        self.channel_set = meta.channel_set
-        self.has_paths = meta.has_paths
-        self.has_weights = meta.has_weights
-        self.grouped = meta.grouped
-        self.stored_bytes = index.size
-        self.offset = index.offset
-
-    def __repr__(self) -> str:
-        return f"StoredPortion(number={self.number}, n_rays={self.n_rays})"
-
-    # -- columns -----------------------------------------------------------------------------
 
     @property
     def column_names(self) -> tuple[str, ...]:
@@ -102,21 +71,6 @@ class StoredPortion:
         if f"x:{name}" in self._streams:
             return self._extra(name)
         raise KeyError(f"portion {self.number} has no column {name!r}")
-
-    def paths(self) -> PathDictionary:
-        """The dictionary; of a plain portion a view with one path per ray, decoded when touched."""
-        if self.has_paths:
-            return self._dictionary
-        return PlainPaths(self)
-
-    def path_numbers(self) -> NDArray[np.uint32]:
-        """(n_rays,) row of `paths` that each ray took."""
-        if not self.has_paths:
-            return np.arange(self.n_rays, dtype=np.uint32)
-        numbers = self._stream("path_number", self.n_rays, np.uint32)
-        if self.n_rays and int(numbers.max()) >= self._index.meta.n_paths:
-            raise self._damaged("a ray's path is not in the dictionary")
-        return numbers
 
     def ray_ids(self) -> NDArray[np.int64]:
         """(n_rays,) strictly increasing ray numbers."""
@@ -147,23 +101,6 @@ class StoredPortion:
                 return place
         raise RayNotFound(f"{self._map.path} has no ray {ray_id}")
 
-    def record_offsets(self) -> NDArray[np.int64]:
-        """(n_rays + 1,) records of ray i are offsets[i]:offsets[i + 1]."""
-        return self._record_offsets(self.path_numbers() if self.has_paths else None)
-
-    def _record_offsets(self, numbers: NDArray[np.uint32] | None) -> NDArray[np.int64]:
-        """Record offsets of rays whose path numbers are there already."""
-        if numbers is not None:
-            counts = np.diff(self._dictionary.offsets)[numbers]
-        else:
-            counts = self._stream("path.length", self.n_rays, np.uint32)
-            if self.n_rays and not counts.all():
-                raise self._damaged("a ray has no records")
-        try:
-            return offsets_from_counts(counts, self.n_records, "records of rays")
-        except FormatError as error:
-            raise self._damaged(str(error)) from None
-
     def color_table(self) -> NDArray[np.uint16]:
         """(n_colors, n_channels) mixed colours of the portion; rows sum to COLOR_SCALE."""
         n_channels = self._map.channel_sets[self.channel_set].n_channels
@@ -179,57 +116,6 @@ class StoredPortion:
         if len(last) and int(last.min()) < 0:
             raise self._damaged("a colour sums to more than one")
         return np.concatenate((stored, last[:, None].astype(np.uint16)), 1)
-
-    def descriptors(self, position: NDArray[np.float32] | None = None) -> Descriptors:
-        """All meetings with detectors, in record order.
-
-        Parameters
-        ----------
-        position : the column, where the caller has it: places on flat detectors follow from it
-        """
-        detector, registered = self._meetings()
-        if not self._index.meta.encodings & Encoding.CROSSINGS:
-            cell, cosine, uv = self._plain_descriptors()
-        else:
-            cell, cosine, uv = self._crossings(detector, position)
-        return Descriptors(
-            detector=detector, cell=cell, cosine=cosine, uv=uv, registered=registered
-        )
-
-    def _plain_descriptors(self) -> tuple[NDArray[Any], ...]:
-        n = self.n_descriptors
-        if n == 0:
-            return np.empty((0, 2), np.uint16), np.empty(0, np.int16), np.empty((0, 2), np.uint16)
-        kinds = (np.uint16, np.uint16, np.int16, np.uint16, np.uint16)
-        columns = [
-            self._stream(name, n, kind)
-            for name, kind in zip(DESCRIPTOR_STREAMS, kinds, strict=True)
-        ]
-        return np.stack(columns[:2], 1), columns[2], np.stack(columns[3:], 1)
-
-    def _crossings(
-        self, detector: NDArray[np.int16], position: NDArray[np.float32] | None
-    ) -> tuple[NDArray[Any], ...]:
-        from raymap.meetings import decode_meetings
-
-        n = self.n_descriptors
-        folded = np.stack([self._stream(name, n, np.uint16) for name in DESCRIPTOR_STREAMS])
-        cell, uv = np.empty((n, 2), np.uint16), np.empty((n, 2), np.uint16)
-        cosine = np.empty(n, np.int16)
-        counts = self._column_descriptor_count()
-        self._meeting_offsets(counts)
-        decode_meetings(
-            counts,
-            detector,
-            self._column_position() if position is None else position,
-            *self._map.detectors,
-            bool(self._index.meta.encodings & Encoding.REVERSED),
-            folded,
-            cell,
-            cosine,
-            uv,
-        )
-        return cell, cosine, uv
 
     def read(self) -> Portion:
         """Everything."""
@@ -276,299 +162,6 @@ class StoredPortion:
             if any(stream == prefix or stream.startswith(f"{prefix}.") for prefix in prefixes)
             for entry in entries
         )
-
-    def stream_table(self) -> tuple[StreamEntry, ...]:
-        """The streams as they lie in the chunk."""
-        return self._header.streams
-
-    def chunk_bytes(self) -> bytes:
-        """The chunk as it lies in the file."""
-        return self._map.file.read(self._index.offset, self._index.size)
-
-    # -- from the file -----------------------------------------------------------------------
-
-    @cached_property
-    def _header(self) -> ChunkHeader:
-        file = self._map.file
-        try:
-            chunk = file.chunk_at(self._index.offset, self._index.offset + self._index.size)
-            if chunk.tag != PORTION or chunk.header.size != self._index.size:
-                raise FormatError("another chunk lies in its place")
-            meta = PortionMeta.parse(chunk.header.meta, len(self.emitted))
-            if meta.pack() != self._index.meta.pack():
-                raise FormatError("its header contradicts the footer")
-        except FormatError as error:
-            raise self._damaged(str(error)) from None
-        return chunk.header
-
-    @cached_property
-    def _streams(self) -> dict[str, list[StreamEntry]]:
-        table: dict[str, list[StreamEntry]] = {}
-        for entry in self._header.streams:
-            table.setdefault(entry.name, []).append(entry)
-        return table
-
-    def _stream(
-        self, name: str, rows: int | None, dtype: Any, *, matrix: bool = False
-    ) -> NDArray[Any]:
-        wanted = np.dtype(dtype)
-        try:
-            if name not in self._streams:
-                raise FormatError(f"stream {name!r} is missing")
-            column = decode_column(self._streams[name], self.fetch, rows)
-            if column.ndim > 1 and not matrix:
-                raise FormatError(f"stream {name!r} has {column.shape[1]} elements per row")
-            if column.dtype == wanted:
-                return column
-            if column.dtype.kind in "iu" and wanted.kind in "iu":
-                return column.astype(wanted)
-            raise FormatError(f"stream {name!r} holds {column.dtype}, expected {wanted}")
-        except FormatError as error:
-            raise self._damaged(str(error)) from None
-
-    def fetch(self, entry: StreamEntry) -> bytes:
-        """The stored bytes of one stream."""
-        return self._map.file.read(self._index.offset + entry.offset, entry.stored_size)
-
-    def _damaged(self, reason: str) -> DamagedPortion:
-        return self._map.report_damage(self._index, reason)
-
-    # -- columns rebuilt ---------------------------------------------------------------------
-
-    @cached_property
-    def _dictionary(self) -> PathDictionary:
-        meta = self._index.meta
-        try:
-            columns = check_itineraries(
-                lambda name, rows, dtype: self._stream(f"path.{name}", rows, dtype),
-                meta.n_paths,
-                self._map.bounds,
-            )
-            if (
-                int(columns["offsets"][-1]) != meta.n_points
-                or int(columns["detector_offsets"][-1]) != meta.n_meetings
-            ):
-                raise FormatError("path dictionary has another size than the header says")
-        except DamagedPortion:
-            raise
-        except FormatError as error:
-            raise self._damaged(str(error)) from None
-        rays = self._stream("path.rays", meta.n_paths, np.int64)
-        if int(rays.sum()) != self.n_rays:
-            raise self._damaged("rays of the paths do not add up")
-        weighted = "path.sum_w" in self._streams
-        n = meta.n_paths
-        return PathDictionary(
-            **columns,
-            rays=rays,
-            sum_w=self._stream("path.sum_w", n, np.float64) if weighted else rays.astype(float),
-            sum_w2=self._stream("path.sum_w2", n, np.float64) if weighted else rays.astype(float),
-            sum_wc=self._color_sums(n),
-            grouped=self.grouped,
-        )
-
-    def _color_sums(self, n_paths: int) -> tuple[NDArray[np.float64], ...]:
-        sums = [np.zeros((n_paths, 0)) for _ in self._map.channel_sets]
-        if self.has_weights:
-            own = self._stream("path.sum_wc", n_paths, np.float64, matrix=True)
-        else:
-            own = self._stream("path.sum_c", n_paths, np.uint64, matrix=True) / COLOR_SCALE
-        own = own.reshape(n_paths, -1)
-        if own.shape[1] != self._map.channel_sets[self.channel_set].n_channels:
-            raise self._damaged("colours of the paths have another number of channels")
-        sums[self.channel_set] = own
-        return tuple(sums)
-
-    def _points(self, name: str) -> NDArray[Any]:
-        """A column that the path dictionary implies."""
-        if not self.has_paths:
-            column = self._stream(f"path.{name}", self.n_records, _POINT_TYPES[name])
-            if name != "event":
-                self._check_bounds(name, column)
-            return column
-        return self._expand(getattr(self._dictionary, name))
-
-    def _expand(self, column: NDArray[Any]) -> NDArray[Any]:
-        from raymap.itineraries import expand_points
-
-        out = np.empty(self.n_records, column.dtype)
-        numbers = self.path_numbers()
-        expand_points(numbers, self._dictionary.offsets, self._record_offsets(numbers), column, out)
-        return out
-
-    def _check_bounds(self, name: str, column: NDArray[Any]) -> NDArray[Any]:
-        try:
-            return self._map.bounds.check(name, column)
-        except FormatError as error:
-            raise self._damaged(str(error)) from None
-
-    def _column_source(self) -> NDArray[np.int16]:
-        if self.has_paths:
-            return self._dictionary.source[self.path_numbers()]
-        return self._check_bounds("source", self._stream("path.source", self.n_rays, np.int16))
-
-    def _column_weight(self) -> NDArray[np.float32]:
-        if not self.has_weights:
-            return np.ones(self.n_rays, np.float32)
-        return self._stream("weight", self.n_rays, np.float32)
-
-    def _column_descriptor_count(self) -> NDArray[np.uint16]:
-        if self.has_paths:
-            return self._expand(np.diff(self._dictionary.detector_offsets).astype(np.uint16))
-        return self._stream("path.meetings", self.n_records, np.uint16)
-
-    def _column_first_descriptor(self) -> NDArray[np.int32]:
-        counts = self._column_descriptor_count()
-        offsets = self._meeting_offsets(counts)
-        return np.where(counts > 0, offsets[:-1], NONE).astype(np.int32)
-
-    def _meeting_offsets(self, counts: NDArray[np.uint16]) -> NDArray[np.int64]:
-        try:
-            return offsets_from_counts(counts, self.n_descriptors, "descriptors of records")
-        except FormatError as error:
-            raise self._damaged(str(error)) from None
-
-    def _meetings(self) -> tuple[NDArray[np.int16], NDArray[np.bool_]]:
-        n = self.n_descriptors
-        if not self.has_paths:
-            detector = self._stream("path.detector", n, np.int16)
-            registered = self._stream("path.registered", n, np.bool_)
-            return self._check_bounds("detector", detector), registered
-        paths = self._dictionary
-        starts = paths.detector_offsets[paths.offsets]
-        numbers = self.path_numbers()
-        offsets = np.zeros(self.n_rays + 1, np.int64)
-        np.cumsum(np.diff(starts)[numbers], out=offsets[1:])
-        if int(offsets[-1]) != n:
-            raise self._damaged(f"descriptors of rays add up to {int(offsets[-1])}, not {n}")
-        from raymap.itineraries import expand_points
-
-        detector = np.empty(n, np.int16)
-        registered = np.empty(n, np.bool_)
-        expand_points(numbers, starts, offsets, paths.detector, detector)
-        expand_points(numbers, starts, offsets, paths.registered, registered)
-        return detector, registered
-
-    def _column_triangle(self) -> NDArray[np.int32]:
-        from raymap.itineraries import face_triangles
-
-        faces = self._map.directory.faces
-        if "triangle" in self._streams:
-            explicit = self._stream("triangle", None, np.int32)
-        else:
-            explicit = np.empty(0, np.int32)
-        out = np.empty(self.n_records, np.int32)
-        if not face_triangles(
-            self._points("face"),
-            faces.first_primitive,
-            faces.primitive_count,
-            self._points("object"),
-            explicit,
-            out,
-        ):
-            raise self._damaged("primitives do not fit the faces")
-        return out
-
-    def _shape_codes(
-        self, triangles: NDArray[np.int32] | None
-    ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int64]]:
-        """(shape codes, primitives or (0,) where no code needs them, record offsets)."""
-        from raymap.geometry import resolve_codes
-        from raymap.shapes import MANY, RayShapes, shape_codes
-
-        paths = self.paths()
-        point_codes = np.empty(paths.n_points, np.int32)
-        shapes = self._map.shapes
-        shape_codes(
-            paths.offsets, paths.object, paths.face, paths.event, shapes.face_code, point_codes
-        )
-        if triangles is None:
-            many = self.n_records and bool((point_codes <= MANY).any())
-            triangles = self._column_triangle() if many else np.empty(0, np.int32)
-        numbers = self.path_numbers()
-        offsets = self._record_offsets(numbers) if self.has_paths else paths.offsets
-        codes = np.empty(self.n_records, np.int32)
-        resolve_codes(
-            RayShapes(numbers, paths.offsets, offsets, point_codes, triangles),
-            shapes,
-            codes,
-        )
-        return codes, triangles, offsets
-
-    def _column_position(self) -> NDArray[np.float32]:
-        encodings = self._index.meta.encodings
-        solve_faces = bool(encodings & Encoding.SOLVED_FACES)
-        solve_sphere = bool(encodings & Encoding.SOLVED_SPHERE)
-        out = np.empty((self.n_records, 3), np.float32)
-        if not solve_faces and not solve_sphere:
-            for axis, name in enumerate("xyz"):
-                out[:, axis] = self._stream(f"position.{name}", self.n_records, np.float32)
-            return out
-        from raymap.geometry import join_coordinates, solve_positions
-
-        shapes = self._map.shapes
-        several = solve_faces and len(shapes.primitive_quadric) > 0
-        codes, _, _ = self._shape_codes(None if several else np.empty(0, np.int32))
-        x, y, z = (self._stream(f"position.{name}", None, np.float32) for name in "xyz")
-        bits = out.view(np.int32)
-        solved = np.empty(self.n_records, np.int32)
-        n = join_coordinates(
-            codes,
-            shapes.axis,
-            solve_faces,
-            solve_sphere,
-            x.view(np.int32),
-            y.view(np.int32),
-            z.view(np.int32),
-            bits,
-            solved,
-        )
-        if n < 0:
-            raise self._damaged("positions do not fit the paths")
-        solve_positions(
-            solved[:n],
-            codes,
-            shapes.solve,
-            shapes.axis,
-            self._stream("position.residual", n, np.uint32),
-            self._stream("position.root", n, np.uint8),
-            out,
-            bits,
-        )
-        return out
-
-    def _column_normal(self) -> NDArray[np.int16]:
-        return self._normals(None)
-
-    def _normals(self, position: NDArray[np.float32] | None) -> NDArray[np.int16]:
-        """Normals; residuals need the positions, which may be there already."""
-        out = np.empty((self.n_records, 3), np.int16)
-        n = self.n_records
-        if not self._index.meta.encodings & Encoding.NORMALS:
-            for axis, name in enumerate("xyz"):
-                out[:, axis] = self._stream(f"normal.{name}", n, np.int16)
-            return out
-        from raymap.geometry import decode_normals
-
-        shapes = self._map.shapes
-        codes, triangles, offsets = self._shape_codes(None)
-        decode_normals(
-            offsets,
-            codes,
-            triangles,
-            self._column_source(),
-            shapes.gradient,
-            shapes.first_primitive,
-            shapes.face_start,
-            np.zeros((len(self.emitted), 3), np.int16),
-            np.zeros((shapes.n_remembered, 3), np.int16),
-            self._column_position() if position is None else position,
-            self._stream("normal.x", n, np.uint16),
-            self._stream("normal.y", n, np.uint16),
-            self._stream("normal.z", n, np.uint16),
-            out,
-        )
-        return out
 
     def _column_color_code(self) -> NDArray[np.int32]:
         channels = self._map.channel_sets[self.channel_set].n_channels
@@ -619,12 +212,6 @@ class StoredPortion:
             raise self._damaged(str(error)) from None
 
 
-_POINT_TYPES: dict[str, Any] = {
-    "object": np.int16,
-    "face": np.int32,
-    "event": np.int32,
-    "medium": np.int16,
-}
 _PARTS = {
     "source": ("path.source", "path_number"),
     "object": ("path.object", "path_number"),
@@ -637,74 +224,4 @@ _PARTS = {
     "ray_ids": ("ray_gap",),
     "path_numbers": ("path_number",),
     "paths": ("path",),
-}
-
-
-class PlainPaths(PathDictionary):
-    """A plain portion as a dictionary of one path per ray; columns are decoded when touched."""
-
-    def __init__(self, portion: StoredPortion) -> None:
-        object.__setattr__(self, "_portion", portion)
-
-    _portion: StoredPortion
-
-    @property
-    def n_paths(self) -> int:
-        return self._portion.n_rays
-
-    @property
-    def n_points(self) -> int:
-        return self._portion.n_records
-
-    @property
-    def n_meetings(self) -> int:
-        return self._portion.n_descriptors
-
-    def _source(self) -> NDArray[np.int16]:
-        return self._portion.column("source")
-
-    def _detector_offsets(self) -> NDArray[np.int64]:
-        return self._portion._meeting_offsets(self._portion.column("descriptor_count"))
-
-    def _sum_w2(self) -> NDArray[np.float64]:
-        return self.sum_w**2
-
-    def _sum_wc(self) -> tuple[NDArray[np.float64], ...]:
-        portion = self._portion
-        ends = portion.record_offsets()[1:] - 1
-        codes = portion.column("color_code")[ends]
-        table = portion.color_table()
-        from raymap.colors import colors_of_codes
-
-        colors = np.empty((portion.n_rays, table.shape[1]), np.uint16)
-        colors_of_codes(codes, table, colors)
-        sums = [np.zeros((portion.n_rays, 0)) for _ in portion._map.channel_sets]
-        sums[portion.channel_set] = colors / COLOR_SCALE * self.sum_w[:, None]
-        return tuple(sums)
-
-    def __getattribute__(self, name: str) -> Any:
-        getter = _LAZY.get(name)
-        if getter is None:
-            return object.__getattribute__(self, name)
-        known = object.__getattribute__(self, "__dict__")
-        if name not in known:
-            known[name] = getter(self)
-        return known[name]
-
-
-_LAZY: dict[str, Any] = {
-    "source": PlainPaths._source,
-    "offsets": lambda view: view._portion.record_offsets(),
-    "object": lambda view: view._portion.column("object"),
-    "face": lambda view: view._portion.column("face"),
-    "event": lambda view: view._portion.column("event"),
-    "medium": lambda view: view._portion.column("medium"),
-    "detector_offsets": PlainPaths._detector_offsets,
-    "detector": lambda view: view._portion._meetings()[0],
-    "registered": lambda view: view._portion._meetings()[1],
-    "rays": lambda view: np.ones(view._portion.n_rays, np.int64),
-    "sum_w": lambda view: view._portion.column("weight").astype(np.float64),
-    "sum_w2": PlainPaths._sum_w2,
-    "sum_wc": PlainPaths._sum_wc,
-    "grouped": lambda view: view._portion.grouped,
 }

@@ -1,0 +1,259 @@
+"""A portion as it lies in the file: header, streams, path dictionary, and what the paths imply."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raymap.errors import DamagedPortion, FormatError
+from raymap.footer import IndexEntry
+from raymap.layout import PORTION, ChunkHeader, StreamEntry
+from raymap.paths import PathDictionary
+from raymap.pathstreams import check_itineraries, offsets_from_counts
+from raymap.portionmeta import PortionMeta
+from raymap.schema import COLOR_SCALE, NONE
+from raymap.streams import decode_column
+
+if TYPE_CHECKING:
+    from raymap.reader import RayMap
+    from raymap.stored import StoredPortion
+
+__all__ = ["POINT_TYPES", "PortionStreams"]
+
+POINT_TYPES: dict[str, Any] = {
+    "object": np.int16,
+    "face": np.int32,
+    "event": np.int32,
+    "medium": np.int16,
+}
+"""Columns that the paths imply."""
+
+
+class PortionStreams:
+    """What `StoredPortion` reads without looking at positions, colours or weights."""
+
+    def __init__(self, map: RayMap, index: IndexEntry) -> None:
+        self._map = self.map = map
+        self._index = self.index = index
+        meta = index.meta
+        self.number = meta.number
+        self.first_ray = meta.first_ray
+        self.last_ray = meta.last_ray
+        self.n_rays = meta.n_rays
+        self.n_records = meta.n_records
+        self.n_descriptors = meta.n_descriptors
+        self.emitted = meta.emitted
+        self.channel_set = meta.channel_set
+        self.has_paths = meta.has_paths
+        self.has_weights = meta.has_weights
+        self.grouped = meta.grouped
+        self.stored_bytes = index.size
+        self.offset = index.offset
+
+    def __repr__(self) -> str:
+        return f"StoredPortion(number={self.number}, n_rays={self.n_rays})"
+
+    def paths(self) -> PathDictionary:
+        """The dictionary; of a plain portion a view with one path per ray, decoded when touched."""
+        if self.has_paths:
+            return self._dictionary
+        from raymap.plainpaths import PlainPaths
+
+        return PlainPaths(cast("StoredPortion", self))
+
+    def path_numbers(self) -> NDArray[np.uint32]:
+        """(n_rays,) row of `paths` that each ray took."""
+        if not self.has_paths:
+            return np.arange(self.n_rays, dtype=np.uint32)
+        numbers = self._stream("path_number", self.n_rays, np.uint32)
+        if self.n_rays and int(numbers.max()) >= self._index.meta.n_paths:
+            raise self._damaged("a ray's path is not in the dictionary")
+        return numbers
+
+    def record_offsets(self) -> NDArray[np.int64]:
+        """(n_rays + 1,) records of ray i are offsets[i]:offsets[i + 1]."""
+        return self._record_offsets(self.path_numbers() if self.has_paths else None)
+
+    def _record_offsets(self, numbers: NDArray[np.uint32] | None) -> NDArray[np.int64]:
+        """Record offsets of rays whose path numbers are there already."""
+        if numbers is not None:
+            counts = np.diff(self._dictionary.offsets)[numbers]
+        else:
+            counts = self._stream("path.length", self.n_rays, np.uint32)
+            if self.n_rays and not counts.all():
+                raise self._damaged("a ray has no records")
+        try:
+            return offsets_from_counts(counts, self.n_records, "records of rays")
+        except FormatError as error:
+            raise self._damaged(str(error)) from None
+
+    def stream_table(self) -> tuple[StreamEntry, ...]:
+        """The streams as they lie in the chunk."""
+        return self._header.streams
+
+    def chunk_bytes(self) -> bytes:
+        """The chunk as it lies in the file."""
+        return self._map.file.read(self._index.offset, self._index.size)
+
+    def fetch(self, entry: StreamEntry) -> bytes:
+        """The stored bytes of one stream."""
+        return self._map.file.read(self._index.offset + entry.offset, entry.stored_size)
+
+    @cached_property
+    def _header(self) -> ChunkHeader:
+        file = self._map.file
+        try:
+            chunk = file.chunk_at(self._index.offset, self._index.offset + self._index.size)
+            if chunk.tag != PORTION or chunk.header.size != self._index.size:
+                raise FormatError("another chunk lies in its place")
+            meta = PortionMeta.parse(chunk.header.meta, len(self.emitted))
+            if meta.pack() != self._index.meta.pack():
+                raise FormatError("its header contradicts the footer")
+        except FormatError as error:
+            raise self._damaged(str(error)) from None
+        return chunk.header
+
+    @cached_property
+    def _streams(self) -> dict[str, list[StreamEntry]]:
+        table: dict[str, list[StreamEntry]] = {}
+        for entry in self._header.streams:
+            table.setdefault(entry.name, []).append(entry)
+        return table
+
+    def _stream(
+        self, name: str, rows: int | None, dtype: Any, *, matrix: bool = False
+    ) -> NDArray[Any]:
+        wanted = np.dtype(dtype)
+        try:
+            if name not in self._streams:
+                raise FormatError(f"stream {name!r} is missing")
+            column = decode_column(self._streams[name], self.fetch, rows)
+            if column.ndim > 1 and not matrix:
+                raise FormatError(f"stream {name!r} has {column.shape[1]} elements per row")
+            if column.dtype == wanted:
+                return column
+            if column.dtype.kind in "iu" and wanted.kind in "iu":
+                return column.astype(wanted)
+            raise FormatError(f"stream {name!r} holds {column.dtype}, expected {wanted}")
+        except FormatError as error:
+            raise self._damaged(str(error)) from None
+
+    def _damaged(self, reason: str) -> DamagedPortion:
+        return self._map.report_damage(self._index, reason)
+
+    @cached_property
+    def _dictionary(self) -> PathDictionary:
+        meta = self._index.meta
+        try:
+            columns = check_itineraries(
+                lambda name, rows, dtype: self._stream(f"path.{name}", rows, dtype),
+                meta.n_paths,
+                self._map.bounds,
+            )
+            if (
+                int(columns["offsets"][-1]) != meta.n_points
+                or int(columns["detector_offsets"][-1]) != meta.n_meetings
+            ):
+                raise FormatError("path dictionary has another size than the header says")
+        except DamagedPortion:
+            raise
+        except FormatError as error:
+            raise self._damaged(str(error)) from None
+        rays = self._stream("path.rays", meta.n_paths, np.int64)
+        if int(rays.sum()) != self.n_rays:
+            raise self._damaged("rays of the paths do not add up")
+        weighted = "path.sum_w" in self._streams
+        n = meta.n_paths
+        return PathDictionary(
+            **columns,
+            rays=rays,
+            sum_w=self._stream("path.sum_w", n, np.float64) if weighted else rays.astype(float),
+            sum_w2=self._stream("path.sum_w2", n, np.float64) if weighted else rays.astype(float),
+            sum_wc=self._color_sums(n),
+            grouped=self.grouped,
+        )
+
+    def _color_sums(self, n_paths: int) -> tuple[NDArray[np.float64], ...]:
+        sums = [np.zeros((n_paths, 0)) for _ in self._map.channel_sets]
+        if self.has_weights:
+            own = self._stream("path.sum_wc", n_paths, np.float64, matrix=True)
+        else:
+            own = self._stream("path.sum_c", n_paths, np.uint64, matrix=True) / COLOR_SCALE
+        own = own.reshape(n_paths, -1)
+        if own.shape[1] != self._map.channel_sets[self.channel_set].n_channels:
+            raise self._damaged("colours of the paths have another number of channels")
+        sums[self.channel_set] = own
+        return tuple(sums)
+
+    def _points(self, name: str) -> NDArray[Any]:
+        """A column that the path dictionary implies."""
+        if not self.has_paths:
+            column = self._stream(f"path.{name}", self.n_records, POINT_TYPES[name])
+            if name != "event":
+                self._check_bounds(name, column)
+            return column
+        return self._expand(getattr(self._dictionary, name))
+
+    def _expand(self, column: NDArray[Any]) -> NDArray[Any]:
+        from raymap.itineraries import expand_points
+
+        out = np.empty(self.n_records, column.dtype)
+        numbers = self.path_numbers()
+        expand_points(numbers, self._dictionary.offsets, self._record_offsets(numbers), column, out)
+        return out
+
+    def _check_bounds(self, name: str, column: NDArray[Any]) -> NDArray[Any]:
+        try:
+            return self._map.bounds.check(name, column)
+        except FormatError as error:
+            raise self._damaged(str(error)) from None
+
+    def _column_source(self) -> NDArray[np.int16]:
+        if self.has_paths:
+            return self._dictionary.source[self.path_numbers()]
+        return self._check_bounds("source", self._stream("path.source", self.n_rays, np.int16))
+
+    def _column_weight(self) -> NDArray[np.float32]:
+        if not self.has_weights:
+            return np.ones(self.n_rays, np.float32)
+        return self._stream("weight", self.n_rays, np.float32)
+
+    def _column_descriptor_count(self) -> NDArray[np.uint16]:
+        if self.has_paths:
+            return self._expand(np.diff(self._dictionary.detector_offsets).astype(np.uint16))
+        return self._stream("path.meetings", self.n_records, np.uint16)
+
+    def _column_first_descriptor(self) -> NDArray[np.int32]:
+        counts = self._column_descriptor_count()
+        offsets = self._meeting_offsets(counts)
+        return np.where(counts > 0, offsets[:-1], NONE).astype(np.int32)
+
+    def _meeting_offsets(self, counts: NDArray[np.uint16]) -> NDArray[np.int64]:
+        try:
+            return offsets_from_counts(counts, self.n_descriptors, "descriptors of records")
+        except FormatError as error:
+            raise self._damaged(str(error)) from None
+
+    def _meetings(self) -> tuple[NDArray[np.int16], NDArray[np.bool_]]:
+        n = self.n_descriptors
+        if not self.has_paths:
+            detector = self._stream("path.detector", n, np.int16)
+            registered = self._stream("path.registered", n, np.bool_)
+            return self._check_bounds("detector", detector), registered
+        paths = self._dictionary
+        starts = paths.detector_offsets[paths.offsets]
+        numbers = self.path_numbers()
+        offsets = np.zeros(self.n_rays + 1, np.int64)
+        np.cumsum(np.diff(starts)[numbers], out=offsets[1:])
+        if int(offsets[-1]) != n:
+            raise self._damaged(f"descriptors of rays add up to {int(offsets[-1])}, not {n}")
+        from raymap.itineraries import expand_points
+
+        detector = np.empty(n, np.int16)
+        registered = np.empty(n, np.bool_)
+        expand_points(numbers, starts, offsets, paths.detector, detector)
+        expand_points(numbers, starts, offsets, paths.registered, registered)
+        return detector, registered
