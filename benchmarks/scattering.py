@@ -13,6 +13,9 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+# Matrices of fifty rows gain nothing from BLAS threads, which spin where processors are busy
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
 import numba
 import numpy as np
 
