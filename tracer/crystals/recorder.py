@@ -138,6 +138,8 @@ class CrystalScene:
     def __post_init__(self) -> None:
         if not self.sources:
             raise SceneError("scene: at least one source is needed")
+        for detector in self.detectors:
+            detector.row()  # refuses impossible shapes by name
         if self.depth < 1:
             raise SceneError("scene: depth must be at least 1")
         if not self.wavelengths_nm or min(self.wavelengths_nm) <= 0.0:

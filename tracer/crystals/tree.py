@@ -228,6 +228,13 @@ def _pop(nodes: Array, heap: Array, size: int) -> int:
     return top
 
 
+@inner_kernel
+def _copy(source: Array, target: Array, row: int) -> None:
+    """Copy a node into a row; element by element, for code without reference counts."""
+    for k in range(NODE):
+        target[row, k] = source[k]
+
+
 @lean_kernel
 def grow_tree(
     bodies: BodyArrays,
@@ -269,7 +276,7 @@ def grow_tree(
     used = 1
     waiting = 1
     open_weight = start[_WEIGHT]
-    nodes[0, :] = start
+    _copy(start, nodes, 0)
     heap[0] = 0
     while waiting > 0 and open_weight > tolerance:
         # Take the heaviest branch and move it to its next boundary
@@ -285,7 +292,7 @@ def grow_tree(
         if met < 0:
             # Only the root can get here, or a branch that slipped through a mesh
             if body < 0 and n_exits < exits.shape[0]:
-                exits[n_exits, :] = node
+                _copy(node, exits, n_exits)
                 n_exits += 1
             else:
                 pruned += weight
@@ -389,7 +396,7 @@ def grow_tree(
                     )
                     if hit < 0:
                         if n_exits < exits.shape[0]:
-                            exits[n_exits, :] = row
+                            _copy(row, exits, n_exits)
                             n_exits += 1
                         else:
                             pruned += branch
@@ -401,7 +408,7 @@ def grow_tree(
                 else:
                     slot = int(free[used])
                     used += 1
-                    nodes[slot, :] = row
+                    _copy(row, nodes, slot)
                     _push(nodes, heap, waiting, slot)
                     waiting += 1
                     open_weight += branch
