@@ -27,7 +27,7 @@ from tests.raymap.damaging import check_damaged, chunk_offsets, with_sound_heade
 from tests.raymap.maps import write_small
 
 _SETTINGS = settings(
-    max_examples=80,
+    max_examples=50,
     deadline=None,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )
@@ -43,18 +43,28 @@ def sound(request, tmp_path_factory):
     return path.read_bytes(), dict(enumerate(written))
 
 
-def test_every_byte_flipped_is_noticed_or_harmless(sound, tmp_path):
+def _flip_bits(sound, path, step, structural_step):
+    """Flip a bit at every so many bytes, more densely where chunks begin and the file ends."""
     data, written = sound
-    path = tmp_path / "a.raymap"
-    offsets = chunk_offsets(data)
-    structural = {offset + k for offset in offsets for k in range(40)}
-    for place in sorted({*range(0, len(data), 61), *structural, *range(len(data) - 24, len(data))}):
+    places = set(range(0, len(data), step))
+    for offset in [*chunk_offsets(data), len(data) - 40]:
+        places |= set(range(offset, offset + 40, structural_step))
+    for place in sorted(places):
         damaged = bytearray(data)
         damaged[place] ^= 1 << (place % 8)
         path.write_bytes(damaged)
         served = check_damaged(path, written)
         if served is not None:
             assert len(served) >= 2, f"a flipped bit at {place} cost more than one portion"
+
+
+def test_flipped_bits_are_noticed_or_harmless(sound, tmp_path):
+    _flip_bits(sound, tmp_path / "a.raymap", 997, 7)
+
+
+@pytest.mark.slow
+def test_flipped_bits_everywhere_are_noticed_or_harmless(sound, tmp_path):
+    _flip_bits(sound, tmp_path / "a.raymap", 17, 1)
 
 
 @_SETTINGS
