@@ -61,7 +61,8 @@ def test_coherent_sum_of_the_tree_of_a_plate_is_its_jones_matrix():
         np.testing.assert_allclose(got, t @ amplitudes, atol=1e-6)
         directions, fields = coherent_sum(exits, (0.0, 0.0, 0.0))
         k = int(np.argmin(np.linalg.norm(directions - d * [1, 1, -1], axis=1)))
-        assert np.linalg.norm(fields[k]) == pytest.approx(np.linalg.norm(r @ amplitudes), abs=1e-9)
+        # Branches of weight 1e-15 are left out: an amplitude of at most 3.2e-8
+        assert np.linalg.norm(fields[k]) == pytest.approx(np.linalg.norm(r @ amplitudes), abs=4e-8)
 
 
 def test_a_mesh_is_traced_like_the_same_convex_body():
