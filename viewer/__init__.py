@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from viewer.app import view
+    from viewer.plotter import plotter
     from viewer.rendering import picture
     from viewer.state import Camera, Clip, Section, ViewState, load_state, save_state
 
@@ -20,6 +21,7 @@ _HOME = {
     "ViewState": "viewer.state",
     "load_state": "viewer.state",
     "picture": "viewer.rendering",
+    "plotter": "viewer.plotter",
     "save_state": "viewer.state",
     "view": "viewer.app",
 }
@@ -31,6 +33,7 @@ __all__ = [
     "ViewState",
     "load_state",
     "picture",
+    "plotter",
     "save_state",
     "view",
 ]
