@@ -138,7 +138,7 @@ def test_absorption_next_to_an_opaque_entry_is_infinite() -> None:
 
 
 @pytest.mark.peers
-@pytest.mark.filterwarnings("ignore:The xlrd engine")  # of the peer, not ours
+@pytest.mark.filterwarnings("ignore")  # of the peer, not ours
 def test_opticalglass_agrees() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
