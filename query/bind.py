@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,12 +31,14 @@ class MapFacts:
     ----------
     emitted : (n_sources,) int64, rays emitted by each source in the portions served
     weighted : some portion stores weights
+    has_column : whether some portion has an optional column of this name
     """
 
     directory: Directory
     channel_sets: Sequence[ChannelSet] = ()
     emitted: NDArray[np.int64]
     weighted: bool = False
+    has_column: Callable[[str], bool] = lambda name: False
 
 
 class Binder:
@@ -216,6 +218,17 @@ class Binder:
                 value=value,
                 per_weight=fluxes / np.maximum(self.facts.emitted, 1),
                 weighted=self.facts.weighted,
+            )
+        if isinstance(quantity, c.Recorded):
+            column = "optical_path" if isinstance(quantity, c.OpticalPath) else "stokes"
+            return b.BoundRecorded(
+                text=text,
+                operator=node.operator,
+                value=value,
+                word=quantity.word,
+                column=column,
+                stored=self.facts.has_column(column),
+                point=None if quantity.point is None else self._bind(quantity.point),
             )
         return b.BoundLength(
             text=text,

@@ -30,6 +30,7 @@ __all__ = [
     "BoundMedium",
     "BoundNode",
     "BoundPath",
+    "BoundRecorded",
     "BoundRegion",
     "BoundSource",
     "BoundThen",
@@ -233,3 +234,26 @@ class BoundIncidence(_BoundCompare):
 
     def own_streams(self) -> tuple[str, ...]:
         return ("position", "normal")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class BoundRecorded(_BoundCompare):
+    """A quantity from the optional ``column`` of the map.
+
+    Attributes
+    ----------
+    word : which quantity; ``point`` : where, None for the end of the ray
+    stored : some portion has the column
+    """
+
+    word: str
+    column: str
+    stored: bool
+    point: BoundNode | None = None
+
+    @property
+    def children(self) -> tuple[BoundNode, ...]:
+        return () if self.point is None else (self.point,)
+
+    def own_streams(self) -> tuple[str, ...]:
+        return (self.column,) if self.stored else ()

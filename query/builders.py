@@ -13,10 +13,12 @@ from raymap.events import FAMILIES, Event, event_names
 
 __all__ = [
     "all_",
+    "angle_of_polarisation",
     "as_criterion",
     "bounces",
     "count",
     "crossed",
+    "degree_of_polarisation",
     "detected",
     "ellipse",
     "event",
@@ -27,6 +29,7 @@ __all__ = [
     "length",
     "medium",
     "optical_length",
+    "optical_path",
     "parameter",
     "path",
     "rect",
@@ -39,6 +42,9 @@ length = c.Length()
 optical_length = c.OpticalLength()
 bounces = c.Bounces()
 flux = c.Flux()
+degree_of_polarisation = c.DegreeOfPolarisation()
+angle_of_polarisation = c.AngleOfPolarisation()
+optical_path = c.OpticalPath()
 
 _FAMILY_WORDS = {int(bits): word for word, bits in FAMILIES.items()}
 

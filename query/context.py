@@ -51,10 +51,14 @@ class StoredRays(Protocol):
     @property
     def n_rays(self) -> int: ...
     @property
+    def n_records(self) -> int: ...
+    @property
     def channel_set(self) -> int: ...
     def paths(self) -> PathDictionary: ...
     def path_numbers(self) -> NDArray[np.uint32]: ...
     def descriptors(self) -> Descriptors: ...
+    @property
+    def column_names(self) -> tuple[str, ...]: ...
     def column(self, name: str) -> NDArray[Any]: ...
     def color_table(self) -> NDArray[np.uint16]: ...
 
@@ -330,6 +334,19 @@ class RayContext(Context):
         self.check()
         column = self.portion.column("weight").astype(np.float64)
         return column if self.rays is None else column[self.rays]
+
+    def optional(self, name: str, width: int) -> NDArray[Any] | None:
+        """A column of numbers, (records of the portion, ...), that polarised traces store.
+
+        None where the portion has none, or another's column of that name and another shape.
+        """
+        if name not in self.portion.column_names:
+            return None
+        self.check()
+        column = self.portion.column(name)
+        fits = column.dtype.kind == "f" and column.ndim == (1 if width == 1 else 2)
+        fits = fits and len(column) == self.portion.n_records
+        return column if fits and (width == 1 or column.shape[1] == width) else None
 
     @cached_property
     def channel_set(self) -> ChannelSet:

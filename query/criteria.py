@@ -21,11 +21,13 @@ from raymap.events import FAMILIES
 __all__ = [
     "All",
     "And",
+    "AngleOfPolarisation",
     "Bounces",
     "Compare",
     "Count",
     "Criterion",
     "Crossed",
+    "DegreeOfPolarisation",
     "Detected",
     "EventAt",
     "EventSet",
@@ -37,9 +39,11 @@ __all__ = [
     "Medium",
     "Not",
     "OpticalLength",
+    "OpticalPath",
     "Or",
     "Path",
     "Quantity",
+    "Recorded",
     "Region",
     "Source",
     "SurfaceTest",
@@ -458,6 +462,50 @@ class Incidence(Quantity):
 
     def _key(self) -> object:
         return self.point
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded(Quantity):
+    """A quantity that polarised traces record, at the ray's end or at certain points.
+
+    Without ``point`` it speaks of the light of the ray's last segment; with one, of the light that
+    goes on from points that satisfy it, and the comparison holds if it holds at one of them.
+    Undefined in maps without the column. Calling it adds the point:
+    ``degree_of_polarisation(hit("L1")) > 0.5``.
+    """
+
+    point: Criterion | None = None
+
+    def __post_init__(self) -> None:
+        if self.point is not None:
+            _point(self.point, self.word)
+
+    def __call__(self, point: Criterion) -> Recorded:
+        return type(self)(point)
+
+    def _key(self) -> object:
+        return self.point
+
+
+@dataclass(frozen=True, eq=False)
+class DegreeOfPolarisation(Recorded):
+    """Polarised share of the light, 0 to 1."""
+
+    word = "degree_of_polarisation"
+
+
+@dataclass(frozen=True, eq=False)
+class AngleOfPolarisation(Recorded):
+    """Azimuth of the vibration from the transverse axis x [deg], (-90, 90]."""
+
+    word = "angle_of_polarisation"
+
+
+@dataclass(frozen=True, eq=False)
+class OpticalPath(Recorded):
+    """Recorded optical path from the emission to the point [scene units]."""
+
+    word = "optical_path"
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from query import bound as b
 from query.context import Context, Pair, RayContext
 from query.measures import incidence_angles, optical_lengths, path_lengths
 from query.path_machine import PRINCIPAL
+from query.recorded import recorded_values
 from query.scans import (
     any_before_last,
     any_of_ray,
@@ -385,6 +386,25 @@ def _incidence(context: Context, node: b.BoundIncidence) -> Pair:
     return _both(any_of_ray(_compare(node.operator, angles, node.value), context.offsets))
 
 
+def _recorded(context: Context, node: b.BoundRecorded) -> Pair:
+    if not node.stored:
+        return _both(np.zeros(context.n_rays, np.bool_))
+    points = None if node.point is None else at_points(context, node.point)
+    if not isinstance(context, RayContext):
+        if points is None:
+            return _unknown(context)
+        met = any_of_ray(points.possible, context.offsets)
+        return Pair(np.zeros_like(met), met)
+    if points is None:
+        values = recorded_values(context, node.word, None)
+        return _both(_compare(node.operator, values, node.value))
+    chosen = np.flatnonzero(points.certain)
+    marks = np.zeros(context.n_points, np.bool_)
+    values = recorded_values(context, node.word, chosen)
+    marks[chosen] = _compare(node.operator, values, node.value)
+    return _both(any_of_ray(marks, context.offsets))
+
+
 _RAY: dict[type[b.BoundNode], Callable[..., Pair]] = {
     b.BoundEverything: _everything,
     b.BoundSource: _source,
@@ -402,6 +422,7 @@ _RAY: dict[type[b.BoundNode], Callable[..., Pair]] = {
     b.BoundWavelength: _wavelength,
     b.BoundLength: _length,
     b.BoundIncidence: _incidence,
+    b.BoundRecorded: _recorded,
 }
 
 _POINT: dict[type[b.BoundNode], Callable[..., Pair]] = {

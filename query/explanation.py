@@ -22,6 +22,8 @@ _COLUMNS = {
     "position": "position",
     "normal": "normal",
     "weight": "weight",
+    "stokes": "x:stokes",
+    "optical_path": "x:optical_path",
 }
 
 
@@ -111,8 +113,9 @@ def _children(node: c.Criterion) -> tuple[c.Criterion, ...]:
         return node.args
     if isinstance(node, c.Last):
         return (node.point,)
-    if isinstance(node, c.Compare) and isinstance(node.quantity, c.Count | c.Incidence):
-        return (node.quantity.point,)
+    if isinstance(node, c.Compare):
+        point = getattr(node.quantity, "point", None)
+        return () if point is None else (point,)
     return ()
 
 

@@ -26,10 +26,14 @@ _PLAIN_QUANTITIES: dict[str, type[c.Quantity]] = {
     kind.word: kind for kind in (c.Wavelength, c.Length, c.OpticalLength, c.Bounces, c.Flux)
 }
 _POINT_QUANTITIES = {"count": c.Count, "incidence": c.Incidence}
+_RECORDED: dict[str, type[c.Recorded]] = {
+    kind.word: kind for kind in (c.DegreeOfPolarisation, c.AngleOfPolarisation, c.OpticalPath)
+}
 _ATOMS = (
     *("source", "hit", "event", "all", "detected", "crossed", "medium", "last", "path"),
     *_POINT_QUANTITIES,
     *_PLAIN_QUANTITIES,
+    *_RECORDED,
 )
 
 
@@ -181,7 +185,7 @@ class _Builder:
             word = str(node.children[0])
             if word in FAMILIES:
                 raise self.fail(f"{word} is an event word: write event({word})", node)
-            if word in _PLAIN_QUANTITIES:
+            if word in _PLAIN_QUANTITIES or word in _RECORDED:
                 raise self.fail(f"{word} is a number: compare it, for example {word} > 1", node)
             raise self.fail(self._unknown_atom(word), node)
         shown = self.source(node)
@@ -209,11 +213,15 @@ class _Builder:
         word = str(node.children[0]) if node.data in ("word", "call") else ""
         if node.data == "word" and word in _PLAIN_QUANTITIES:
             return _PLAIN_QUANTITIES[word]()
-        if node.data == "call" and word in _POINT_QUANTITIES:
+        if node.data == "word" and word in _RECORDED:
+            return _RECORDED[word]()
+        if node.data == "call" and word in (*_POINT_QUANTITIES, *_RECORDED):
             args = node.children[1:]
             if len(args) != 1:
                 raise self.fail(f"{word} takes one point condition", node)
-            return _POINT_QUANTITIES[word](self.criterion(args[0]))
+            point = self.criterion(args[0])
+            kind = _POINT_QUANTITIES.get(word) or _RECORDED[word]
+            return kind(point)
         if node.data in ("word", "call") and word not in _ATOMS:
             raise self.fail(self._unknown_atom(word), node)
         raise self.fail(f"{self.source(node)} is not a number and cannot be compared", node)
@@ -253,7 +261,7 @@ class _Builder:
             return c.Last(self.point_or_event(args[0]))
         if word == "path":
             return self.path(node, args)
-        if word in _POINT_QUANTITIES:
+        if word in _POINT_QUANTITIES or word in _RECORDED:
             raise self.fail(
                 f"{word}(...) is a number: compare it, for example {word}(...) >= 2", node
             )

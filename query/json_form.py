@@ -21,6 +21,9 @@ _NARY: dict[str, type[c.And] | type[c.Or] | type[c.Xor] | type[c.Then]] = {
 _QUANTITIES: dict[str, type[c.Quantity]] = {
     kind.word: kind for kind in (c.Wavelength, c.Length, c.OpticalLength, c.Bounces, c.Flux)
 }
+_RECORDED: dict[str, type[c.Recorded]] = {
+    kind.word: kind for kind in (c.DegreeOfPolarisation, c.AngleOfPolarisation, c.OpticalPath)
+}
 
 
 def to_json(node: c.Criterion) -> dict[str, Any]:
@@ -77,8 +80,9 @@ def _region_json(region: c.Region) -> dict[str, Any]:
 
 def _compare_json(node: c.Compare) -> dict[str, Any]:
     out: dict[str, Any] = {"op": "compare", "quantity": node.quantity.word}
-    if isinstance(node.quantity, c.Count | c.Incidence):
-        out["of"] = to_json(node.quantity.point)
+    point = getattr(node.quantity, "point", None)
+    if point is not None:
+        out["of"] = to_json(point)
     out |= {"compare": node.operator, "value": node.value}
     return out | ({"unit": node.unit} if node.unit else {})
 
@@ -199,6 +203,9 @@ def _compare(reader: _Reader, op: str) -> c.Criterion:
     if word in ("count", "incidence"):
         point = reader.child("of", reader.get("of", dict))
         quantity: c.Quantity = c.Count(point) if word == "count" else c.Incidence(point)
+    elif word in _RECORDED:
+        of = reader.get("of", dict, None)
+        quantity = _RECORDED[word](None if of is None else reader.child("of", of))
     elif word in _QUANTITIES:
         quantity = _QUANTITIES[word]()
     else:

@@ -56,9 +56,8 @@ def _region(region: c.Region) -> str:
 
 
 def _quantity(quantity: c.Quantity) -> str:
-    if isinstance(quantity, c.Count | c.Incidence):
-        return f"{quantity.word}({to_text(quantity.point)})"
-    return quantity.word
+    point = getattr(quantity, "point", None)
+    return quantity.word if point is None else f"{quantity.word}({to_text(point)})"
 
 
 def _atom(node: c.Criterion) -> str:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from query.recorded import ellipse_of
 from raymap.directory import ChannelSet, Directory
 from raymap.events import Event, event_names
 from raymap.portion import Portion
@@ -23,7 +24,9 @@ def report(map: Any, ray_id: int) -> dict[str, Any]:
     dict
         ``ray_id``, ``source``, ``flux``, ``weight`` and ``points``: for each point position,
         object, face, triangle, events, normal, angle of incidence, and of the segment that starts
-        there medium, refractive index, length, colour, spectrum and detector meetings
+        there medium, refractive index, length, colour, spectrum and detector meetings; further
+        columns of the map by name, and ``polarisation`` (degree, angle_deg, axis_ratio, handedness)
+        beside Stokes parameters
 
     Raises
     ------
@@ -101,12 +104,21 @@ def _point(
         "color": _color(shares, channel_set),
         "spectrum": dict(zip(channel_set.labels, shares, strict=True)),
         "detectors": _meetings(ray, row, directory),
+        **_polarisation(ray, row, is_last),
         **{
             name: column[row].tolist()
             for name, column in ray.extra.items()
             if len(column) == ray.n_records and ray.n_records > 1
         },
     }
+
+
+def _polarisation(ray: Portion, row: int, is_last: bool) -> dict[str, Any]:
+    """State of the light of the segment that starts here, where the map has it."""
+    stokes = ray.extra.get("stokes")
+    if stokes is None or stokes.shape != (ray.n_records, 3) or stokes.dtype.kind != "f":
+        return {}
+    return {"polarisation": None if is_last else ellipse_of(stokes[row])}
 
 
 def _shares(ray: Portion, row: int, channel_set: ChannelSet) -> list[float]:

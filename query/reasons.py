@@ -54,6 +54,11 @@ def _never(node: b.BoundNode, scan: Scan) -> str | None:
         nm = sorted({w for chosen in scan.map.channel_sets for w in chosen.wavelengths_nm})
         channels = ", ".join(f"{w:g}" for w in nm[:12]) + (" …" if len(nm) > 12 else "")
         return f"{node.text}: the channels of this map are {channels} nm"
+    if isinstance(node, b.BoundRecorded) and not node.stored:
+        return (
+            f"{node.text}: this map has no column {node.column!r}; "
+            "raymap record-polarized writes it"
+        )
     if isinstance(node, b.BoundCount | b.BoundBounces) and _below_zero(node):
         return f"{node.text}: a count is a whole number from 0 upward"
     if isinstance(node, b.BoundDetected) and node.regions:

@@ -62,7 +62,16 @@ def map_facts(map: Any) -> MapFacts:
         channel_sets=map.channel_sets,
         emitted=map.emitted,
         weighted=any(portion.has_weights for portion in map.portions),
+        has_column=lambda name: any(_has_column(portion, name) for portion in map.portions),
     )
+
+
+def _has_column(portion: Any, name: str) -> bool:
+    try:
+        return name in portion.column_names
+    except DamagedPortion:
+        # The scan itself says what is lost.
+        return False
 
 
 @dataclass(eq=False)

@@ -118,6 +118,9 @@ def print_report(ray: dict[str, Any]) -> None:
     view.add_column("then through", overflow="fold", ratio=2)
     view.add_column(f"length [{unit}]", justify="right", no_wrap=True)
     view.add_column("light", overflow="fold", ratio=2)
+    with_state = any("polarisation" in point or "optical_path" in point for point in ray["points"])
+    if with_state:
+        view.add_column("polarisation, optical path", overflow="fold", ratio=2)
     if any(point["detectors"] for point in ray["points"]):
         view.add_column("detectors", overflow="fold", ratio=2)
     for number, point in enumerate(ray["points"]):
@@ -130,6 +133,8 @@ def print_report(ray: dict[str, Any]) -> None:
             _number(point["length"]),
             _light(point),
         ]
+        if with_state:
+            cells.append(Text(_state(point)))
         if len(view.columns) > len(cells):
             cells.append(Text(_meetings(point)))
         view.add_row(*cells)
@@ -171,6 +176,22 @@ def _light(point: dict[str, Any]) -> Text:
         r, g, b = (round(255 * max(0.0, x) ** (1 / 2.2)) for x in point["color"])
         text.append("██ ", style=f"rgb({r},{g},{b})")
     return text.append(words)
+
+
+def _state(point: dict[str, Any]) -> str:
+    """Degree, azimuth and ellipse of the light that goes on, and the optical path so far."""
+    words = []
+    state = point.get("polarisation")
+    if state is not None:
+        words.append(f"{state['degree']:.2%}")
+        if state["angle_deg"] is not None:
+            words.append(f"at {state['angle_deg']:.2f}°")
+        if state["handedness"] in ("left", "right"):
+            words.append(f"{state['handedness']} {state['axis_ratio']:.3f}")
+    path = point.get("optical_path")
+    if isinstance(path, int | float):
+        words.append(f"path {path:.6g}")
+    return "\n".join(words)
 
 
 def _meetings(point: dict[str, Any]) -> str:

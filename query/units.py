@@ -62,10 +62,12 @@ def convert(number: float, unit: str, quantity: str, length_unit: str, flux_unit
         return number
     if quantity == "wavelength":
         return number * _scale(unit, _WAVELENGTH_NM, "a wavelength")
-    if quantity in ("length", "optical_length"):
+    if quantity in ("length", "optical_length", "optical_path"):
         return number * length_factor(unit, length_unit)
     if quantity == "incidence":
         return number * _scale(unit, _ANGLE_DEG, "an angle of incidence")
+    if quantity == "angle_of_polarisation":
+        return number * _scale(unit, _ANGLE_DEG, "an angle of polarisation")
     if quantity == "flux":
         return number * _scale(unit, _FLUX[flux_unit], "the flux of this map")
     raise CriterionError(f"{quantity} is a plain number and takes no unit, found {unit!r}")

@@ -28,6 +28,9 @@ _QUANTITIES = {
     "optical_length": "of the ray",
     "bounces": "points between start and end",
     "flux": "of the ray",
+    "degree_of_polarisation": "of the last segment",
+    "angle_of_polarisation": "of the last segment",
+    "optical_path": "recorded",
 }
 _FAMILY_WORDS = ("reflected", "refracted", "transmitted", "scattered", "absorbed")
 _LIMIT = 12

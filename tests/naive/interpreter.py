@@ -36,6 +36,8 @@ class Point:
     position: tuple[float, float, float]
     normal: tuple[int, int, int]
     meetings: list[tuple[int, bool, tuple[int, int]]]
+    stokes: list[float] | None
+    optical_path: float | None
 
 
 @dataclass
@@ -80,6 +82,10 @@ def rays_of(map: Any) -> list[Ray]:
                         tuple(float(x) for x in whole.position[row]),
                         tuple(int(x) for x in whole.normal[row]),
                         meetings,
+                        whole.extra["stokes"][row].tolist() if "stokes" in whole.extra else None,
+                        float(whole.extra["optical_path"][row])
+                        if "optical_path" in whole.extra
+                        else None,
                     )
                 )
                 code = int(whole.color_code[row])
@@ -399,8 +405,31 @@ class Interpreter:
                 if self.point(quantity.point, ray, k)
             ]
             return any(angle is not None and compare(angle, value * scale) for angle in angles)
+        if isinstance(quantity, c.Recorded):
+            if quantity.point is None:
+                gone = len(points) > 1 and bool(points[-1].event & int(Event.LEFT_SCENE))
+                is_path = isinstance(quantity, c.OpticalPath)
+                chosen = [len(points) - 1 - gone if is_path else len(points) - 2]
+            else:
+                chosen = [k for k in range(len(points)) if self.point(quantity.point, ray, k)]
+            found = [self.recorded(quantity, points, k) for k in chosen if k >= 0]
+            return any(number is not None and compare(number, value * scale) for number in found)
         total = self.length(ray, isinstance(quantity, c.OpticalLength))
         return total is not None and compare(total, value * scale)
+
+    def recorded(self, quantity: c.Recorded, points: list[Point], k: int) -> float | None:
+        here = points[k]
+        if isinstance(quantity, c.OpticalPath):
+            return here.optical_path
+        if k == len(points) - 1 or here.stokes is None:
+            return None
+        s1, s2, s3 = here.stokes
+        if isinstance(quantity, c.DegreeOfPolarisation):
+            return math.sqrt(s1 * s1 + s2 * s2 + s3 * s3)
+        if math.hypot(s1, s2) <= 1e-6:
+            return None
+        angle = math.degrees(math.atan2(s2, s1)) / 2
+        return angle + 180 if angle <= -90 else angle
 
     def length(self, ray: Ray, optical: bool) -> float | None:
         points = ray.points

@@ -145,12 +145,26 @@ QUANTITIES = st.one_of(
         st.sampled_from([10.5, 45.5, 80.5]),
     ),
 )
+RECORDED = st.builds(
+    lambda kind, point, op, v: c.Compare(kind[0](point), op, *v(kind)),
+    st.sampled_from(
+        [
+            (c.DegreeOfPolarisation, [0, 0.37, 1]),
+            (c.AngleOfPolarisation, [-30.5, 0, 45.25, 90]),
+            (c.OpticalPath, [0, 10.25, 15]),
+        ]
+    ),
+    st.one_of(st.none(), POINTS),
+    OPERATORS,
+    st.integers(0, 11).map(lambda k: lambda kind: (kind[1][k % len(kind[1])], "")),
+)
 LEAVES = st.one_of(
     POINTS,
     MEETINGS,
     SEQUENCES,
     PATHS,
     QUANTITIES,
+    RECORDED,
     st.builds(c.Source, st.lists(st.sampled_from(["lamp", "sun", "*"]), min_size=1).map(tuple)),
     st.builds(c.Medium, st.lists(st.sampled_from(["air", "glass_?"]), min_size=1).map(tuple)),
     st.builds(c.Last, POINTS),

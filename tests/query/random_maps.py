@@ -129,6 +129,7 @@ def random_portion(
     weights: bool = False,
     emissions: bool = False,
     gaps: bool = False,
+    states: bool = False,
 ) -> Portion:
     """Rays that take paths of the pool, at random places and in random colours."""
     table = directory.faces
@@ -186,7 +187,23 @@ def random_portion(
         ray_ids=ids,
         weight=rng.integers(1, 9, n_rays).astype(np.float32) / 4 if weights else None,
         emission=first_ray + np.sort(rng.integers(0, n_rays // 2, n_rays)) if emissions else None,
+        extra=_states(rng, n) if states else {},
     )
+
+
+def _states(rng: np.random.Generator, n: int) -> dict[str, np.ndarray]:
+    """Columns of polarised traces: linear, elliptical, circular and natural light among them."""
+    stokes = rng.normal(size=(n, 3))
+    stokes *= (rng.random(n) / np.linalg.norm(stokes, axis=1))[:, None]
+    kind = rng.integers(0, 5, n)
+    stokes[kind == 0] = (1, 0, 0)
+    stokes[kind == 1] = (-1, -0.0, 0)
+    stokes[kind == 2] = (0, 0, 1)
+    stokes[kind == 3] = 0
+    return {
+        "stokes": stokes.astype(np.float32),
+        "optical_path": (rng.integers(0, 60, n) / 2).astype(np.float32),
+    }
 
 
 def write_random_map(
@@ -201,6 +218,7 @@ def write_random_map(
     emissions: bool = False,
     gaps: bool = False,
     plain: bool = False,
+    states: bool = False,
     directory: Directory | None = None,
     first_ray: int = 0,
 ) -> Path:
@@ -227,6 +245,8 @@ def write_random_map(
                         weights=weights,
                         emissions=emissions,
                         gaps=gaps,
+                        # A map may have its columns in some portions only.
+                        states=states and number != 1,
                     )
                 )
             if not finish:

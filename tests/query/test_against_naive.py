@@ -19,9 +19,9 @@ from tests.query.random_maps import write_random_map
 KINDS: dict[str, dict[str, Any]] = {
     "merged": {},
     "unfinished": {"finish": False},
-    "weighted": {"weights": True, "gaps": True},
+    "weighted": {"weights": True, "gaps": True, "states": True},
     "split": {"weights": True, "emissions": True},
-    "plain": {"plain": True},
+    "plain": {"plain": True, "states": True},
 }
 
 

@@ -57,7 +57,7 @@ DIRECTORY = Directory(
 @pytest.fixture(scope="module")
 def map(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     path = tmp_path_factory.mktemp("docs") / "docs.raymap"
-    write_random_map(path, 3, rays=80, paths=30, directory=DIRECTORY)
+    write_random_map(path, 3, rays=80, paths=30, directory=DIRECTORY, states=True)
     with raymap.open(path) as opened:
         yield opened
 
@@ -89,7 +89,7 @@ def test_python_examples(map: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(raymap, "open", lambda path: _Borrowed(map))
     for block in blocks("python"):
         exec(block, names)
-    for name in ("ghosts", "order", "rough", "blue", "here", "through"):
+    for name in ("ghosts", "order", "rough", "blue", "glare", "here", "through"):
         tree = names[name]
         assert parse(str(tree)) == tree
         query.select(map, tree)
