@@ -1,7 +1,8 @@
 """Glasses, plastics, crystals and liquids by name.
 
-A table of the common ones is shipped (``glasses.csv``, with the source of every row); with the
-package ``opticalglass`` the full catalogues of the makers are at hand.
+A table of the common ones is shipped (``glasses.csv``, with the source of every row), and one of
+the makers' full lists (`tracer.optics.maker_glasses`); the package ``opticalglass``, where it is
+installed, adds what is newer than they are.
 """
 
 from __future__ import annotations
@@ -22,11 +23,14 @@ from numpy.typing import ArrayLike, NDArray
 from raymap.errors import MissingExtra, SceneError
 from tracer.optics.absorption import absorption_from_transmittance
 from tracer.optics.dispersion import Dispersion, Kind
+from tracer.optics.maker_glasses import CATALOGUE_MAKERS, Row, find_row
 
 __all__ = ["Glass", "find_glass", "glass_names"]
 
-MAKERS = ("Schott", "Ohara", "CDGM", "Hoya", "Hikari", "Sumita")
-"""Makers whose full catalogues the package opticalglass carries."""
+MAKERS = CATALOGUE_MAKERS
+"""Makers by whose names glasses may be called."""
+
+_IN_OPTICALGLASS = ("Schott", "Ohara", "CDGM", "Hoya", "Hikari", "Sumita")
 
 _REFERENCE_MM = 10.0
 
@@ -84,17 +88,20 @@ def find_glass(name: str, maker: str | None = None) -> Glass:
     shipped = _shipped().get(_key(wanted))
     if shipped is not None and maker in (None, shipped.maker):
         return shipped
+    row = find_row(wanted, maker)
+    if row is not None:
+        return _from_row(row)
     if util.find_spec("opticalglass") is not None:
         found = _from_catalogues(wanted, maker)
         if found is not None:
             return found
         hint = ""
     else:
-        hint = "; the makers' full catalogues come with the package opticalglass"
+        hint = "; the makers' newest glasses come with the package opticalglass"
         if maker is not None and _key(wanted) not in _shipped():
             raise MissingExtra(
-                f"glass {wanted!r} of {maker} is not in the shipped table; "
-                "pip install opticalglass for the makers' full catalogues"
+                f"glass {wanted!r} of {maker} is not in the shipped tables; "
+                "pip install opticalglass for the makers' newest catalogues"
             )
     near = difflib.get_close_matches(_key(wanted), list(_shipped()), n=3, cutoff=0.4)
     names = ", ".join(repr(_shipped()[key].name) for key in near)
@@ -163,13 +170,34 @@ def _shipped() -> dict[str, Glass]:
     return glasses
 
 
+def _from_row(row: Row) -> Glass:
+    """A glass of the table of the makers."""
+    numbers = tuple(float(cell) for cell in row["coefficients"].split())
+    table = row["kind"] == "tabulated"
+    pairs = [pair.split(":") for pair in row["transmittance"].split()]
+    return Glass(
+        name=row["name"],
+        maker=row["maker"],
+        dispersion=Dispersion(
+            kind=cast(Kind, row["kind"]),
+            coefficients=numbers[1::2] if table else numbers,
+            table_nm=numbers[::2] if table else (),
+            range_nm=(float(row["from_nm"]), float(row["to_nm"])),
+            name=row["name"],
+        ),
+        source=f"{row['maker']} catalogue (refractiveindex.info, CC0)",
+        transmittance_nm=np.array([float(pair[0]) for pair in pairs]),
+        transmittance=np.array([float(pair[1]) for pair in pairs]),
+    )
+
+
 @cache
 def _from_catalogues(name: str, maker: str | None) -> Glass | None:
     """A glass of the package opticalglass, its index as a table."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the package warns of its own dependencies
         glassfactory: Any = import_module("opticalglass.glassfactory")
-        for catalogue in (maker,) if maker else MAKERS:
+        for catalogue in (maker,) if maker else _IN_OPTICALGLASS:
             try:
                 found: Any = glassfactory.create_glass(name.upper(), catalogue)
             except Exception:  # each catalogue has its own way to say no

@@ -70,10 +70,26 @@ def test_unknown_names_show_the_nearest(monkeypatch: pytest.MonkeyPatch) -> None
     words = r"no glass 'N-BK77'; the nearest names are 'N-BK7', .* with the package opticalglass"
     with pytest.raises(SceneError, match=words):
         find_glass("N-BK77")
-    with pytest.raises(MissingExtra, match=r"'H-K9L' of CDGM.*pip install opticalglass"):
-        find_glass("H-K9L", "CDGM")
+    with pytest.raises(MissingExtra, match=r"'H-K9X' of CDGM.*pip install opticalglass"):
+        find_glass("H-K9X", "CDGM")
     with pytest.raises(SceneError, match="no maker 'Zeiss'"):
         find_glass("N-BK7", "Zeiss")
+
+
+def test_the_makers_lists_are_shipped() -> None:
+    # nd and Abbe number as the makers' sheets print them
+    for name, maker, n_d, abbe in (
+        ("J-LAK14", "Hikari", 1.69680, 55.52),
+        ("TAFD30", "Hoya", 1.88300, 40.8),
+        ("K-SFLD6", "Sumita", 1.80518, 25.46),
+        ("S-LAL10", "Ohara", 1.72000, 50.23),
+        ("H-K9L", "CDGM", 1.51680, 64.20),
+    ):
+        glass = find_glass(name)
+        assert glass.maker == maker
+        assert glass.index(law.LINE_NM["d"]) == pytest.approx(n_d, abs=1e-5)
+        assert law.abbe_number(glass.dispersion) == pytest.approx(abbe, abs=0.06)
+        assert 0.9 < np.exp(-10.0 * glass.absorption(550.0)) <= 1.0
 
 
 def test_makers_may_stand_with_the_name() -> None:
