@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.address import Address
+from raymap.bytesource import open_bytes
 from raymap.errors import FormatError, NotARayMap, UnsupportedVersion
 from raymap.layout import (
     CHUNK_HEADER_SIZE,
@@ -64,54 +64,35 @@ class Gap:
 class MapFile:
     """An open map; reads do not move a shared position and may run on many threads."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path | Address) -> None:
         self.path = path
-        try:
-            self._descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0))
-        except FileNotFoundError:
-            raise NotARayMap(f"{path} does not exist") from None
-        except IsADirectoryError:
-            raise NotARayMap(f"{path} is a folder, not a ray map") from None
-        except OSError as error:
-            raise NotARayMap(f"{path} cannot be read: {error.strerror}") from None
-        self._lock = threading.Lock()
-        self.bytes_read = 0
-        self._closed = False
+        self.bytes = open_bytes(path)
         try:
             self._check_magic()
-        except FormatError:
+        except (NotARayMap, UnsupportedVersion):
             self.close()
             raise
+        except FormatError as error:
+            self.close()
+            raise NotARayMap(str(error)) from None
 
     def close(self) -> None:
         """Close the file; reading raises afterwards."""
-        with self._lock:
-            if not self._closed:
-                self._closed = True
-                os.close(self._descriptor)
-
-    def __del__(self) -> None:
-        if hasattr(self, "_closed"):
-            self.close()
+        self.bytes.close()
 
     @property
     def size(self) -> int:
         """Bytes of the file now."""
-        return os.fstat(self._descriptor).st_size
+        return self.bytes.size
+
+    @property
+    def bytes_read(self) -> int:
+        """Bytes fetched so far."""
+        return self.bytes.bytes_read
 
     def read(self, offset: int, length: int) -> bytes:
         """Exactly ``length`` bytes, fewer only at the end of the file."""
-        if self._closed:
-            raise FormatError(f"{self.path} is closed")
-        try:
-            data = _read_at(self._descriptor, length, offset)
-        except OSError as error:
-            raise FormatError(
-                f"{self.path} cannot be read at byte {offset}: {error.strerror}"
-            ) from None
-        with self._lock:
-            self.bytes_read += len(data)
-        return data
+        return self.bytes.read(offset, length)
 
     def chunk_at(self, offset: int, size: int) -> Chunk:
         """The chunk at an offset of a file of the given size.
@@ -216,7 +197,7 @@ def _check_expansion(header: ChunkHeader) -> None:
         raise FormatError(f"chunk of {header.size} bytes declares {raw} bytes of streams")
 
 
-def _wrong_magic(path: Path, head: bytes) -> str:
+def _wrong_magic(path: Path | Address, head: bytes) -> str:
     if not head:
         return f"{path} is empty, not a ray map"
     if head[1:7] == MAGIC[1:7] or head[:6] == MAGIC[1:7]:
@@ -225,19 +206,3 @@ def _wrong_magic(path: Path, head: bytes) -> str:
             "copy it again in binary mode"
         )
     return f"{path} is not a ray map (its first bytes are not those of one)"
-
-
-def _read_at(descriptor: int, length: int, offset: int) -> bytes:
-    """Read at a place without moving the position; short only at the end of the file."""
-    data = os.pread(descriptor, length, offset)
-    if len(data) == length or not data:
-        return data
-    parts = [data]
-    got = len(data)
-    while got < length:
-        more = os.pread(descriptor, length - got, offset + got)
-        if not more:
-            break
-        parts.append(more)
-        got += len(more)
-    return b"".join(parts)

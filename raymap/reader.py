@@ -8,13 +8,13 @@ import threading
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.address import Address, place_of
 from raymap.chunks import Chunk, Gap, MapFile
 from raymap.description import (
     parse_channel_set,
@@ -62,7 +62,7 @@ class RayMap:
 
     Attributes
     ----------
-    path : of the file
+    path : of the file; an `Address` where it is behind one (``s3://…``)
     directory : names, shapes and units
     channel_sets : by index
     portions : complete portions in number order
@@ -73,9 +73,12 @@ class RayMap:
     """
 
     def __init__(
-        self, path: str | os.PathLike[str], *, on_damage: Literal["raise", "skip"] = "raise"
+        self,
+        path: str | os.PathLike[str] | Address,
+        *,
+        on_damage: Literal["raise", "skip"] = "raise",
     ) -> None:
-        self.path = Path(path)
+        self.path = place_of(path)
         self.on_damage = on_damage
         self._damage: list[Damage] = []
         self._damaged_lock = threading.Lock()

@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.address import Address
 from raymap.dictionary import PathMerger
 from raymap.directory import ChannelSet, DisplayMesh
 from raymap.errors import NotARayMap, SceneMismatch
@@ -25,7 +26,7 @@ SUFFIX = ".raymap"
 
 
 def shard_paths(folder: Path) -> list[Path]:
-    """The maps in a folder, by name.
+    """The maps in a folder of this machine, by name.
 
     Raises
     ------
@@ -44,9 +45,9 @@ class ShardedMap(RayMap):
 
     def __init__(
         self,
-        paths: Sequence[str | os.PathLike[str]],
+        paths: Sequence[str | os.PathLike[str] | Address],
         *,
-        name: Path | None = None,
+        name: Path | Address | None = None,
         on_damage: Literal["raise", "skip"] = "raise",
     ) -> None:
         self.on_damage = on_damage

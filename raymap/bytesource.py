@@ -1,0 +1,116 @@
+"""Where the bytes of a map come from: a file of this machine, or one behind an address."""
+
+from __future__ import annotations
+
+import os
+import threading
+from pathlib import Path
+from typing import Protocol
+
+from raymap.address import Address
+from raymap.errors import FormatError, NotARayMap
+
+__all__ = ["ByteSource", "LocalBytes", "open_bytes"]
+
+
+class ByteSource(Protocol):
+    """Bytes read at any place by many threads.
+
+    Attributes
+    ----------
+    bytes_read : fetched so far
+    """
+
+    bytes_read: int
+
+    @property
+    def size(self) -> int:
+        """Bytes there are now."""
+
+    def read(self, offset: int, length: int) -> bytes:
+        """``length`` bytes, fewer only at the end.
+
+        Raises
+        ------
+        FormatError
+            They cannot be fetched.
+        """
+
+    def close(self) -> None:
+        """Let go of the file."""
+
+
+def open_bytes(place: Path | Address) -> ByteSource:
+    """Open what stands at a place.
+
+    Raises
+    ------
+    NotARayMap
+        Nothing can be read there.
+    """
+    if isinstance(place, Address):
+        from raymap.remotebytes import RemoteBytes
+
+        return RemoteBytes(place)
+    return LocalBytes(place)
+
+
+class LocalBytes:
+    """A file of this machine; reads do not move a shared position."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            self._descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0))
+        except FileNotFoundError:
+            raise NotARayMap(f"{path} does not exist") from None
+        except IsADirectoryError:
+            raise NotARayMap(f"{path} is a folder, not a ray map") from None
+        except OSError as error:
+            raise NotARayMap(f"{path} cannot be read: {error.strerror}") from None
+        self._lock = threading.Lock()
+        self.bytes_read = 0
+        self._closed = False
+
+    @property
+    def size(self) -> int:
+        return os.fstat(self._descriptor).st_size
+
+    def read(self, offset: int, length: int) -> bytes:
+        if self._closed:
+            raise FormatError(f"{self.path} is closed")
+        try:
+            data = _read_at(self._descriptor, length, offset)
+        except OSError as error:
+            raise FormatError(
+                f"{self.path} cannot be read at byte {offset}: {error.strerror}"
+            ) from None
+        with self._lock:
+            self.bytes_read += len(data)
+        return data
+
+    def close(self) -> None:
+        with self._lock:
+            if not self._closed:
+                self._closed = True
+                os.close(self._descriptor)
+
+    def __del__(self) -> None:
+        if hasattr(self, "_closed"):
+            self.close()
+
+
+def _read_at(descriptor: int, length: int, offset: int) -> bytes:
+    """Read at a place without moving the position; short only at the end of the file."""
+    data = os.pread(descriptor, length, offset)
+    if len(data) == length or not data:
+        return data
+    parts = [data]
+    got = len(data)
+    while got < length:
+        more = os.pread(descriptor, length - got, offset + got)
+        if not more:
+            break
+        parts.append(more)
+        got += len(more)
+    return b"".join(parts)
