@@ -18,6 +18,7 @@ from query.cli_options import (
     progress_line,
     read_criterion,
 )
+from query.cli_rayfile import rayfile
 from query.cli_studies import audit, compare, ghosts, illuminated, sweep
 
 __all__ = ["register"]
@@ -29,6 +30,7 @@ def register(app: typer.Typer) -> None:
     app.command("paths")(paths)
     app.command("report")(report)
     app.command("image")(image)
+    app.command("rayfile")(rayfile)
     app.command("audit")(audit)
     app.command("ghosts")(ghosts)
     app.command("illuminated")(illuminated)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from raymap.errors import MapExists, RayMapError
+from raymap.rayfiles.formats import SUFFIXES as RAY_FILES
 
 if TYPE_CHECKING:
     from query.selection import Selection
@@ -24,6 +25,11 @@ def check_target(path: Path, rows: str) -> None:
     ------
     RayMapError
     """
+    if path.suffix.lower() in RAY_FILES:
+        raise RayMapError(
+            f"{path.name} is a ray file: say where the rays are taken with "
+            f"raymap rayfile MAP PLACE [CRITERION] -o {path.name}"
+        )
     if path.suffix.lower() not in SUFFIXES:
         raise RayMapError(f"a selection is written to {', '.join(SUFFIXES)}, not {path.name!r}")
     if rows not in _ROWS:

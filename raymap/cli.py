@@ -61,7 +61,10 @@ def register(app: typer.Typer) -> None:
     app.command("info")(info)
     app.command("verify")(verify)
     app.command("repair")(repair)
+    from raymap.rayfiles.cli import check_rays
+
     app.command("export")(export)
+    app.command("check-rays")(check_rays)
 
 
 def info(
