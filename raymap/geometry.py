@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 
 from raymap.kernels import kernel
 from raymap.schema import NORMAL_SCALE
-from raymap.shapes import EMISSION, LEFT, MANY, RayShapes, ShapeTable
+from raymap.shapes import EMISSION, LEFT, LEFT_SCENE, MANY, RayShapes, ShapeTable
 
 __all__ = [
     "decode_normals",
+    "end_residuals",
     "gather_coordinates",
+    "imply_normals",
     "join_coordinates",
     "normal_residuals",
     "position_residuals",
@@ -385,6 +387,55 @@ def normal_residuals(
             missed += (x != 0) + (y != 0) + (z != 0)
             plain += (normal[i, 0] != 0) + (normal[i, 1] != 0) + (normal[i, 2] != 0)
     return missed, plain
+
+
+@kernel
+def imply_normals(
+    codes: NDArray[np.int32],
+    gradient: NDArray[np.float64],
+    position: NDArray[np.float32],
+    normal: NDArray[np.int16],
+) -> None:
+    """Set the normals of points on quadrics to those that their stored positions have."""
+    for i in range(codes.size):
+        if codes[i] >= 0:
+            x, y, z = _gradient(gradient, codes[i], position, i)
+            normal[i, 0] = x
+            normal[i, 1] = y
+            normal[i, 2] = z
+
+
+@kernel
+def end_residuals(
+    record_offsets: NDArray[np.int64],
+    faces: NDArray[np.int32],
+    objects: NDArray[np.int16],
+    events: NDArray[np.int32],
+    sources: NDArray[np.int16],
+    emission: NDArray[np.int16],
+    position: NDArray[np.float32],
+    normal: NDArray[np.int16],
+    folded: NDArray[np.uint16],
+) -> None:
+    """As `normal_residuals` where all points on faces have the normal that is predicted.
+
+    Only emission and the ends of rays that left have residuals; the rest of ``folded``, which is
+    (3, n_records), becomes zero.
+    """
+    folded[:] = 0
+    for ray in range(sources.size):
+        first = record_offsets[ray]
+        last = record_offsets[ray + 1] - 1
+        source = sources[ray]
+        if faces[first] < 0:
+            for k in range(3):
+                folded[k, first] = _fold(normal[first, k], int(emission[source, k]))
+                emission[source, k] = normal[first, k]
+        if last > first and objects[last] < 0 and events[last] & LEFT_SCENE:
+            px, py, pz = _from_before(last, LEFT, -1, source, position, emission, emission)
+            folded[0, last] = _fold(normal[last, 0], px)
+            folded[1, last] = _fold(normal[last, 1], py)
+            folded[2, last] = _fold(normal[last, 2], pz)
 
 
 @kernel

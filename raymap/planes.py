@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from raymap.kernels import kernel
 
-__all__ = ["join_planes", "split_planes"]
+__all__ = ["join_planes", "split_planes", "split_positions"]
 
 
 @kernel
@@ -54,6 +54,28 @@ def _join4(
             | (np.uint32(p2[i]) << np.uint32(16))
             | (np.uint32(p3[i]) << np.uint32(24))
         )
+
+
+@kernel
+def _split_points(bits: NDArray[np.uint32], planes: NDArray[np.uint8]) -> None:
+    n = planes.shape[1]
+    for axis in range(3):
+        p0, p1 = planes[4 * axis], planes[4 * axis + 1]
+        p2, p3 = planes[4 * axis + 2], planes[4 * axis + 3]
+        for i in range(n):
+            value = bits[3 * i + axis]
+            p0[i] = np.uint8(value)
+            p1[i] = np.uint8(value >> 8)
+            p2[i] = np.uint8(value >> 16)
+            p3[i] = np.uint8(value >> 24)
+
+
+def split_positions(position: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Byte planes of points: (12, n) uint8, those of x first, least significant first."""
+    points = np.ascontiguousarray(position, np.float32)
+    planes = np.empty((12, len(points)), np.uint8)
+    _split_points(points.reshape(-1).view(np.uint32), planes)
+    return planes
 
 
 def split_planes(values: NDArray[Any]) -> NDArray[np.uint8]:

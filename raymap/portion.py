@@ -59,6 +59,8 @@ class Portion:
     channel_set : index of the channel set of the map
     weight : (n_rays,) float32, or None where every ray weighs 1
     emission : (n_rays,) int64 groups rays of one emission (splitting), or None
+    implied_normals : normals of points on faces are those that the directory's quadrics have at
+        the stored positions, and need not be compared with them; every face has a quadric
     extra : further columns by name; each has n_rays or n_records rows
     """
 
@@ -80,6 +82,7 @@ class Portion:
     channel_set: int = 0
     weight: NDArray[np.float32] | None = None
     emission: NDArray[np.int64] | None = None
+    implied_normals: bool = False
     extra: dict[str, NDArray[np.generic]] = field(default_factory=dict)
 
     @property

@@ -25,6 +25,7 @@ from raymap.kernels import kernel
 __all__ = [
     "EMISSION",
     "LEFT",
+    "LEFT_SCENE",
     "MANY",
     "NO_SHAPE",
     "RayShapes",
@@ -37,7 +38,7 @@ NO_SHAPE, EMISSION, LEFT, MANY = -1, -2, -3, -10
 MAX_REMEMBERED = 2**22
 """Normals of meshes are remembered by primitive if the scene has at most this many."""
 
-_LEFT_SCENE = int(Event.LEFT_SCENE)
+LEFT_SCENE = int(Event.LEFT_SCENE)
 _SPHERE_AXIS: Literal[2] = 2
 
 
@@ -175,7 +176,7 @@ def shape_codes(
                 codes[i] = face_code[faces[i]]
             elif i == first:
                 codes[i] = EMISSION
-            elif objects[i] < 0 and events[i] & _LEFT_SCENE:
+            elif objects[i] < 0 and events[i] & LEFT_SCENE:
                 codes[i] = LEFT
             else:
                 codes[i] = NO_SHAPE

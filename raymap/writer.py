@@ -49,13 +49,14 @@ class RayMapWriter:
         directory: Directory,
         *,
         raw: bool,
+        compact: bool,
         trusted: bool,
         state: WriterState,
     ) -> None:
         self.path = appender.path
         self.directory = directory
         self._appender = appender
-        self._encoder = PortionEncoder(directory, raw=raw)
+        self._encoder = PortionEncoder(directory, raw=raw, compact=compact)
         self._trusted = trusted
         self._footer = state.footer
         self._merger = state.merger
@@ -72,7 +73,7 @@ class RayMapWriter:
         self._written = 0
         last = [entry.meta for entry in self._footer.portions]
         self._next_portion = last[-1].number + 1 if last else 0
-        self._next_ray = max((meta.last_ray + 1 for meta in last), default=0)
+        self._next_ray = max((meta.last_ray + 1 for meta in last), default=state.first_ray)
         self._run_first = self._next_portion
 
     # -- opening -----------------------------------------------------------------------------
@@ -86,7 +87,9 @@ class RayMapWriter:
         meshes: Mapping[int, DisplayMesh] | None = None,
         force: bool = False,
         raw: bool = False,
+        compact: bool = False,
         trusted: bool = False,
+        first_ray: int = 0,
     ) -> RayMapWriter:
         """A new map.
 
@@ -96,7 +99,10 @@ class RayMapWriter:
         directory : names, shapes and units of the scene
         meshes : display meshes by object index
         raw : store every stream as it is, for debugging
+        compact : leave out what the faces' shapes imply of the positions, too: a smaller file that
+            takes longer to write and to read
         trusted : do not check portions on entry
+        first_ray : number that the first ray gets, of a shard that begins further on
 
         Raises
         ------
@@ -110,8 +116,9 @@ class RayMapWriter:
             appender.close()
             Path(path).unlink(missing_ok=True)
             raise
-        state = WriterState(footer=Footer(chunks=[(FILE_HEADER_SIZE, DIRECTORY)]))
-        return cls(appender, directory, raw=raw, trusted=trusted, state=state)
+        footer = Footer(chunks=[(FILE_HEADER_SIZE, DIRECTORY)])
+        state = WriterState(footer=footer, first_ray=first_ray)
+        return cls(appender, directory, raw=raw, compact=compact, trusted=trusted, state=state)
 
     @classmethod
     def append_to(
@@ -120,6 +127,7 @@ class RayMapWriter:
         directory: Directory | None = None,
         *,
         raw: bool = False,
+        compact: bool = False,
         trusted: bool = False,
     ) -> RayMapWriter:
         """Continue a finished or an interrupted map.
@@ -138,7 +146,7 @@ class RayMapWriter:
         from raymap.resume import resume
 
         appender, own, state = resume(Path(path), directory)
-        return cls(appender, own, raw=raw, trusted=trusted, state=state)
+        return cls(appender, own, raw=raw, compact=compact, trusted=trusted, state=state)
 
     def __enter__(self) -> RayMapWriter:
         return self
@@ -408,3 +416,4 @@ class WriterState:
     merger: PathMerger = dataclasses.field(default_factory=PathMerger)
     local_to_global: list[NDArray[np.int32] | None] = dataclasses.field(default_factory=list)
     channel_sets: list[ChannelSet] = dataclasses.field(default_factory=list)
+    first_ray: int = 0

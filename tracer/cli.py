@@ -44,6 +44,9 @@ def record(
     append: Annotated[bool, typer.Option("--append", help="Add rays to the map.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Write over an existing map.")] = False,
     raw: Annotated[bool, typer.Option("--raw", help="Store streams uncompressed.")] = False,
+    compact: Annotated[
+        bool, typer.Option("--compact", help="The smallest file; slower to write and to read.")
+    ] = False,
     no_rays: Annotated[
         bool, typer.Option("--no-rays", help="Trace for the detectors' results only.")
     ] = False,
@@ -72,6 +75,7 @@ def record(
             append=append,
             force=force,
             raw=raw,
+            compact=compact,
             no_rays=no_rays,
             progress=display.show,
         )

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from raymap.cluster import shares_memory
 from raymap.encoder import EncodedPortion
 from raymap.errors import MapExists, SceneError
 from raymap.portion import Descriptors, Portion
@@ -25,7 +26,7 @@ from tracer.scene.load import load_scene
 from tracer.scene.model import Scene
 from tracer.tally import Tally
 
-__all__ = ["Progress", "RecordResult", "StoppedLight", "record", "split_portion"]
+__all__ = ["Progress", "RecordResult", "StoppedLight", "record", "run_into", "split_portion"]
 
 DEFAULT_RAYS = 1_000_000
 DEFAULT_SEED = 1
@@ -90,10 +91,12 @@ def record(
     append: bool = False,
     force: bool = False,
     raw: bool = False,
+    compact: bool = False,
     no_rays: bool = False,
     portion_rays: int | None = None,
     progress: Callable[[Progress], None] | None = None,
     executor: Executor | None = None,
+    cancel: Callable[[], bool] | None = None,
 ) -> RecordResult:
     """Trace a scene and record every light path in a ray map.
 
@@ -106,10 +109,15 @@ def record(
     seed : of the random numbers; by default that of the map when it is continued, else 1
     append : continue a map of the same scene; ``force``: write over an existing one
     raw : store streams uncompressed, for debugging
+    compact : the smallest file, which takes longer to write and to read
     no_rays : trace for the detectors' results only
     portion_rays : rays per portion; the map's content does not depend on it
     progress : called after every portion, in the calling thread
-    executor : runs the portions instead of a thread pool; it must share this process's memory
+    executor : runs the trace instead of a thread pool. One whose tasks run in other processes or on
+        other machines (Dask's ``client.get_executor()``, a process pool) writes a folder of maps:
+        ``path`` names the folder or an address of object storage, and `raymap.open` opens it as one
+        map of the same rays
+    cancel : asked after every portion; once it is true the trace ends, and the map is valid
 
     Raises
     ------
@@ -122,15 +130,39 @@ def record(
         raise SceneError(f"rays must be at least 1, not {rays}")
     if rays is None and seconds is None:
         rays = DEFAULT_RAYS
+    if executor is not None and not shares_memory(executor):
+        if path is None:
+            raise SceneError("detector results only (no_rays) need an executor of this process")
+        from tracer.sharding import record_shards
+
+        return record_shards(
+            compilation, path, executor, rays=rays, seconds=seconds, seed=seed, append=append,
+            force=force, raw=raw, portion_rays=portion_rays, progress=progress, cancel=cancel,
+        )  # fmt: skip
     count = threads or os.cpu_count() or 1
     if path is None:
-        return _Run(compilation, None, rays, seconds, seed, count, portion_rays, progress).go(
-            executor
-        )
-    with _writer(Path(path), compilation, append=append, force=force, raw=raw) as writer:
-        return _Run(compilation, writer, rays, seconds, seed, count, portion_rays, progress).go(
-            executor
-        )
+        run = _Run(compilation, None, rays, seconds, seed, count, portion_rays, progress)
+        run.cancel = cancel
+        return run.go(executor)
+    with _writer(
+        Path(path), compilation, append=append, force=force, raw=raw, compact=compact
+    ) as writer:
+        run = _Run(compilation, writer, rays, seconds, seed, count, portion_rays, progress)
+        run.cancel = cancel
+        return run.go(executor)
+
+
+def run_into(
+    compilation: Compilation,
+    writer: RayMapWriter,
+    *,
+    rays: int,
+    seconds: float | None,
+    seed: int,
+    portion_rays: int | None,
+) -> RecordResult:
+    """Trace the rays from the writer's next one on, on one thread (a shard of a larger trace)."""
+    return _Run(compilation, writer, rays, seconds, seed, 1, portion_rays, None).go(None)
 
 
 def _compiled(scene: str | Path | Scene | Compilation) -> Compilation:
@@ -140,10 +172,12 @@ def _compiled(scene: str | Path | Scene | Compilation) -> Compilation:
 
 
 def _writer(
-    path: Path, compilation: Compilation, *, append: bool, force: bool, raw: bool
+    path: Path, compilation: Compilation, *, append: bool, force: bool, raw: bool, compact: bool
 ) -> RayMapWriter:
     if append and path.exists():
-        return RayMapWriter.append_to(path, compilation.directory, raw=raw, trusted=True)
+        return RayMapWriter.append_to(
+            path, compilation.directory, raw=raw, compact=compact, trusted=True
+        )
     if path.exists() and not force:
         raise MapExists(
             f"{str(path)!r} exists and stays as it is; continue it with --append, write over it "
@@ -155,12 +189,15 @@ def _writer(
         meshes=compilation.meshes,
         force=force,
         raw=raw,
+        compact=compact,
         trusted=True,
     )
 
 
 class _Run:
     """One trace: hands out portions, collects them in order."""
+
+    cancel: Callable[[], bool] | None = None
 
     def __init__(
         self,
@@ -181,6 +218,11 @@ class _Run:
         self.seed = self._seed(seed)
         self.engine = Wavefront(compilation.arrays, self.seed, meshes=compilation.solids)
         self.tally = Tally(compilation.directory, compilation.channel_set)
+        self.implied_normals = all(
+            face.primitive_count == 1 and face.quadrics and face.quadrics[0] is not None
+            for item in compilation.directory.objects
+            for face in item.faces
+        )
         self.channel_set = writer.add_channel_set(compilation.channel_set) if writer else 0
         fitting = self._fitting_rays()
         self.portion_rays = portion_rays or fitting
@@ -199,7 +241,7 @@ class _Run:
         pilot = self.engine.trace(0, _PILOT_RAYS, reuse=True)
         if self.writer:
             # Compile what encodes portions before the clock starts
-            self.writer.encode(replace(pilot, channel_set=self.channel_set), 0)
+            self.writer.encode(self._traced(0, _PILOT_RAYS), 0)
         fitting = 0.8 * PORTION_RECORDS * pilot.n_rays / pilot.n_records
         return max(64, min(PORTION_RAYS, 1 << int(np.log2(fitting))))
 
@@ -262,6 +304,8 @@ class _Run:
         interrupted = False
         while True:
             try:
+                if not interrupted and self.cancel is not None and self.cancel():
+                    raise KeyboardInterrupt
                 while not interrupted and len(pending) < 2 * self.threads + 2:
                     n = self._next_size(planned, began)
                     if n == 0:
@@ -295,9 +339,7 @@ class _Run:
 
     def _portion(self, first: int, n: int, number: int) -> EncodedPortion | list[Portion] | None:
         """Trace and encode one portion (worker thread)."""
-        portion = self.engine.trace(first, n, reuse=True)
-        if self.channel_set:
-            portion = replace(portion, channel_set=self.channel_set)
+        portion = self._traced(first, n)
         self.tally.add(portion)
         if self.writer is None:
             return None
@@ -305,6 +347,13 @@ class _Run:
             pieces = split_portion(portion)
             return [_copied(piece) for piece in pieces]
         return self.writer.encode(portion, number)
+
+    def _traced(self, first: int, n: int) -> Portion:
+        return replace(
+            self.engine.trace(first, n, reuse=True),
+            channel_set=self.channel_set,
+            implied_normals=self.implied_normals,
+        )
 
     def _commit(self, result: EncodedPortion | list[Portion] | None, first: int, n: int) -> int:
         """Write what a worker made; by how many later numbers shift."""
@@ -316,8 +365,7 @@ class _Run:
             return len(result) - 1
         if result.number != self.writer.next_portion:
             # An earlier portion was split after this one was numbered
-            portion = self.engine.trace(first, n, reuse=True)
-            portion = replace(portion, channel_set=self.channel_set)
+            portion = self._traced(first, n)
             result = self.writer.encode(portion, self.writer.next_portion)
         self.writer.commit(result)
         return 0

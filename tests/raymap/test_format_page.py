@@ -71,7 +71,8 @@ def test_the_independent_reader_reads_any_portion(tmp_path_factory, drawn):
     channels = drawn.draw(channel_sets())
     portion = drawn.draw(portions(directory, channels, max_rays=20))
     path = tmp_path_factory.mktemp("any") / "a.raymap"
-    with raymap.RayMapWriter.create(path, directory) as writer:
+    compact = drawn.draw(st.booleans())
+    with raymap.RayMapWriter.create(path, directory, compact=compact) as writer:
         writer.add_channel_set(channels)
         writer.append(portion)
     (found,) = read_map(path)[2]

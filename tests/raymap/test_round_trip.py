@@ -27,11 +27,13 @@ def _maps(draw):
 
 
 @_SETTINGS
-@given(drawn=_maps(), raw=st.booleans())
-def test_any_portion_round_trips(tmp_path_factory, drawn, raw):
+@given(drawn=_maps(), form=st.sampled_from(["usual", "raw", "compact"]))
+def test_any_portion_round_trips(tmp_path_factory, drawn, form):
     directory, channels, portion = drawn
     path = tmp_path_factory.mktemp("trip") / "a.raymap"
-    with raymap.RayMapWriter.create(path, directory, raw=raw) as writer:
+    with raymap.RayMapWriter.create(
+        path, directory, raw=form == "raw", compact=form == "compact"
+    ) as writer:
         writer.add_channel_set(channels)
         writer.append(portion)
     with raymap.open(path) as ray_map:

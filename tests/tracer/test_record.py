@@ -13,6 +13,7 @@ import raymap
 from raymap.cli import application
 from raymap.errors import MapExists, SceneMismatch
 from raymap.schema import PORTION_RECORDS
+from tracer.engine.wavefront import Wavefront
 from tracer.record import Progress, StoppedLight, record, split_portion
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.load import load_scene, parse_scene
@@ -48,6 +49,23 @@ def columns(path: Path) -> dict[str, np.ndarray]:
     found["rays"] = np.concatenate([p.records_per_ray for p in portions])
     found["uv"] = np.concatenate([p.descriptors.uv for p in portions])
     return found
+
+
+def test_same_map_however_it_is_stored(lens: Compilation, tmp_path: Path) -> None:
+    forms: dict[str, dict[str, bool]] = {"usual": {}, "compact": {"compact": True}}
+    forms["raw"] = {"raw": True}
+    found = {}
+    for name, form in forms.items():
+        record(lens, tmp_path / name, rays=2_000, **form)  # type: ignore[arg-type]
+        found[name] = columns(tmp_path / name)
+    sizes = [(tmp_path / name).stat().st_size for name in ("compact", "usual", "raw")]
+    assert sizes == sorted(sizes)
+    for name in ("compact", "raw"):
+        for column, values in found["usual"].items():
+            np.testing.assert_array_equal(found[name][column], values, err_msg=column)
+    # Normals follow from the stored positions, to whose rounding they agree with the engine's
+    traced = Wavefront(lens.arrays, 1).trace(0, 2_000).normal.astype(int)
+    assert np.abs(found["usual"]["normal"] - traced).max() <= 1
 
 
 def test_same_map_for_any_threads_and_portions(lens: Compilation, tmp_path: Path) -> None:

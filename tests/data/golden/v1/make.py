@@ -122,12 +122,12 @@ def traced_portion(n_rays, first_ray, channels=RGB, channel_set=0):
 
 def make_lens(path):
     """Everything that shapes imply; two channel sets, two runs, a footer in the middle."""
-    with raymap.RayMapWriter.create(path, lens_directory()) as writer:
+    with raymap.RayMapWriter.create(path, lens_directory(), compact=True) as writer:
         writer.add_channel_set(RGB)
         writer.start_run(seed=1)
         writer.append(traced_portion(300, 0))
         writer.append(traced_portion(40, 300))
-    with raymap.RayMapWriter.append_to(path) as writer:
+    with raymap.RayMapWriter.append_to(path, compact=True) as writer:
         number = writer.add_channel_set(SPECTRAL)
         writer.start_run(seed=2)
         writer.append(traced_portion(50, 1000, SPECTRAL, number))
