@@ -46,7 +46,7 @@ def level_shares_picture() -> None:
 
 
 def cone_picture() -> None:
-    distances = np.linspace(5.0, 150.0, 60)
+    distances = np.geomspace(5.0, 150.0, 120)
     cones = {
         depth: [axial_cone(LENS, d, depth=depth, wavelength_nm=LINE_D) for d in distances]
         for depth in (1, 2, 6, 7, 9)

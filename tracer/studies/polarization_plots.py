@@ -107,7 +107,8 @@ def plot_cones(
         angles = np.array([cone.half_angle for cone in row])
         axes[0].plot(
             distances, angles / np.where(first > 0.0, first, np.nan), label=f"{depth}",
-            color=_COLORS[number % len(_COLORS)],
+            # Cones of several depths often coincide: later ones lie on wider earlier ones.
+            color=_COLORS[number % len(_COLORS)], lw=1.2 + 1.6 * (len(cones) - 1 - number),
         )  # fmt: skip
     axes[0].set(
         xlabel="distance of the point from the lens [mm]",
@@ -125,7 +126,10 @@ def plot_cones(
             interpolation="nearest",
         )  # fmt: skip
         turn = np.linspace(0.0, 2.0 * np.pi, 200)
-        ax.plot(mask.x[-1] * np.cos(turn), mask.x[-1] * np.sin(turn), color="#222222", lw=1.0)
+        ax.plot(
+            mask.x[-1] * np.cos(turn), mask.x[-1] * np.sin(turn), color="#222222", lw=1.0,
+            clip_on=False,
+        )  # fmt: skip
         ax.set(
             xlabel="x in the aperture [mm]", ylabel="y [mm]",
             title=f"Point off the axis, depth {mask.depth}: K in blue", aspect="equal",
