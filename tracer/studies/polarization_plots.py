@@ -108,7 +108,7 @@ def plot_cones(
         axes[0].plot(
             distances, angles / np.where(first > 0.0, first, np.nan), label=f"{depth}",
             # Cones of several depths often coincide: later ones lie on wider earlier ones.
-            color=_COLORS[number % len(_COLORS)], lw=1.2 + 1.6 * (len(cones) - 1 - number),
+            color=_COLORS[number % len(_COLORS)], lw=1.2 + 0.8 * (len(cones) - 1 - number),
         )  # fmt: skip
     axes[0].set(
         xlabel="distance of the point from the lens [mm]",
