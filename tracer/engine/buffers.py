@@ -19,15 +19,15 @@ from numpy.typing import NDArray
 from tracer.geometry.kinds import F64, I64, MESH
 from tracer.scene.arrays import F_KIND, I32, CompiledScene
 
-__all__ = ["BUNDLE", "Buffers", "Workspace"]
+__all__ = ["BUNDLE", "Buffers", "Workspace", "grown"]
 
 BUNDLE = 512
 """Rays intersected together; their columns stay in the first-level cache."""
 
 _PADDING = 40
 
-# Entries of counters
-LIVE, RECORDS, DESCRIPTORS, COLORS, IGNORED = range(5)
+# Entries of counters; rays of the block are counted where they split
+LIVE, RECORDS, DESCRIPTORS, COLORS, IGNORED, RAYS = range(6)
 
 # Rows of live_f: origin 0-2, direction 3-5, distance of the face met next, weight
 T, WEIGHT = 6, 7
@@ -119,17 +119,18 @@ class Workspace:
         b = self.buffers
         n = int(b.counters[LIVE])
         if b.counters[RECORDS] + n > len(b.words):
-            words = _grown(b.words)
-            exact = _grown(b.exact) if len(b.exact) else b.exact
+            words = grown(b.words)
+            exact = grown(b.exact) if len(b.exact) else b.exact
             b = b._replace(words=words, real=words.view(np.float32), exact=exact)
         while b.counters[DESCRIPTORS] + n * (len(scene.detector_i) + 1) > len(b.meeting_t):
-            b = b._replace(meetings=_grown(b.meetings), meeting_t=_grown(b.meeting_t))
+            b = b._replace(meetings=grown(b.meetings), meeting_t=grown(b.meeting_t))
         if b.counters[COLORS] + 4 * n > len(b.colors):
-            b = b._replace(colors=_grown(b.colors))
+            b = b._replace(colors=grown(b.colors))
         self.buffers = b
 
 
-def _grown(array: Array) -> Array:
+def grown(array: Array) -> Array:
+    """The array with room for twice as many rows."""
     larger = np.empty((2 * len(array), *array.shape[1:]), array.dtype)
     larger[: len(array)] = array
     return larger  # type: ignore[return-value]

@@ -59,10 +59,12 @@ from tracer.engine.buffers import (
     Y,
     Z,
 )
+from tracer.engine.lights import emit_light
 from tracer.engine.nests import enter_body, leave_body, top_body
 from tracer.engine.random import stream_state
-from tracer.engine.surfaces import meet_surface
+from tracer.engine.splitting import Twins, gather_twins, release_twin, twin_code, twin_event
 from tracer.engine.volumes import fly_freely
+from tracer.engine.weighted import aim_in_volume, end_faint_ray, meet
 from tracer.geometry.kinds import F64, I64, MESH
 from tracer.geometry.normals import face_normal
 from tracer.scene.arrays import (
@@ -81,7 +83,6 @@ from tracer.scene.arrays import (
     F_SURFACE,
     F_TRIANGLE,
     I32,
-    L_CODE,
     L_MEDIUM,
     L_NEST,
     M_PARTICIPATING,
@@ -90,7 +91,6 @@ from tracer.scene.arrays import (
     WORLD,
     CompiledScene,
 )
-from tracer.sources import emit_ray
 
 __all__ = ["emit_block", "interact", "place_block"]
 
@@ -130,9 +130,10 @@ def emit_block(scene: CompiledScene, seed: int, first_ray: int, n: int, b: Buffe
     counters[DESCRIPTORS] = 0
     counters[COLORS] = n_sources
     first_key = 2 * len(scene.face_i)
+    pool, rays = scene.light_pool, scene.light_rays
     for i in range(n):
-        source, x, y, z, dx, dy, dz, state = emit_ray(
-            source_i, source_f, pattern, seed, first_ray + i
+        source, x, y, z, dx, dy, dz, nx, ny, nz, code, state = emit_light(
+            source_i, source_f, pattern, pool, rays, colors, counters, seed, first_ray + i
         )
         live_f[0, i], live_f[1, i], live_f[2, i] = x, y, z
         live_f[3, i], live_f[4, i], live_f[5, i] = dx, dy, dz
@@ -143,14 +144,13 @@ def emit_block(scene: CompiledScene, seed: int, first_ray: int, n: int, b: Buffe
             live_i[OWN_BODY, i] = -1
         live_i[NEST, i] = source_i[source, L_NEST]
         live_i[MEDIUM, i] = source_i[source, L_MEDIUM]
-        live_i[CODE, i] = source_i[source, L_CODE]
+        live_i[CODE, i] = code
         live_i[RNG, i] = np.int64(state)
         live_i[RAY, i] = i
         live_i[LAST, i] = i
         write_record(
-            words, real, i, x, y, z, source_f[source, 18], source_f[source, 19],
-            source_f[source, 20], -1, -1, EMITTED, source_i[source, L_MEDIUM],
-            source_i[source, L_CODE], i,
+            words, real, i, x, y, z, nx, ny, nz, -1, -1, EMITTED, source_i[source, L_MEDIUM],
+            code, i,
         )  # fmt: skip
         if len(exact) > 0:
             exact[i, 0], exact[i, 1], exact[i, 2] = x, y, z
@@ -192,17 +192,18 @@ def place_block(
 
 
 @inner_kernel
-def interact(scene: CompiledScene, b: Buffers, follow: int) -> None:
+def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int) -> None:
     """Bring every live ray to the end of its segment; keep those that go on.
 
-    ``follow`` = 0 chooses at random; 1 takes the transmitted ray wherever there is one.
+    ``follow`` = 0 chooses at random; 1 takes the transmitted ray wherever there is one. Rays split
+    where there are ``twins``.
     """
     face_i, face_f, body_i = scene.face_i, scene.face_f, scene.body_i
     surface_i, surface_f = scene.surface_i, scene.surface_f
     medium_i, medium_f, tables = scene.medium_i, scene.medium_f, scene.tables
     detector_i, detector_f = scene.detector_i, scene.detector_f
     sphere, world, depth = scene.sphere, scene.limits[WORLD], scene.limits[DEPTH]
-    virtual = scene.limits[VIRTUAL]
+    virtual, rare = scene.limits[VIRTUAL], scene.rare
     live_f, live_i, ray_i, ray_f = b.live_f, b.live_i, b.ray_i, b.ray_f
     words, real, exact = b.words, b.real, b.exact
     meetings, meeting_t, colors, counters = b.meetings, b.meeting_t, b.colors, b.counters
@@ -217,18 +218,23 @@ def interact(scene: CompiledScene, b: Buffers, follow: int) -> None:
         t, face = live_f[T, i], live_i[HIT, i]
         nest, medium, code = live_i[NEST, i], live_i[MEDIUM, i], live_i[CODE, i]
         state = np.uint64(live_i[RNG, i])
-        ray, last = live_i[RAY, i], live_i[LAST, i]
+        ray, last, weight = live_i[RAY, i], live_i[LAST, i], live_f[WEIGHT, i]
         ux, uy, uz = dx, dy, dz
         nx, ny, nz = 0.0, 0.0, 0.0
         obj, triangle, event = -1, -1, 0
         key, own = volume_key, -1
         own_body, own_triangle = -1, -1
         ignored = False
+        cosine, nest_before, medium_before = 0.0, nest, medium
         # Fly freely through a medium that absorbs or scatters
         if medium_i[medium, M_PARTICIPATING] != 0:
             event, t, dx, dy, dz, code, state = fly_freely(
                 medium_i, medium_f, tables, medium, t, dx, dy, dz, code, colors, counters, state
             )
+            dx, dy, dz, weight, state = aim_in_volume(
+                rare, event, x + t * ux, y + t * uy, z + t * uz, ux, uy, uz, dx, dy, dz, weight,
+                medium_f, tables, medium, colors.shape[1], state,
+            )  # fmt: skip
         if event == 0 and face < 0:
             event = LEFT_SCENE
             t = _to_sphere(sphere, x, y, z, dx, dy, dz)
@@ -299,7 +305,8 @@ def interact(scene: CompiledScene, b: Buffers, follow: int) -> None:
                 else:
                     body = top_body(beyond)
                     other = body_i[body, B_MEDIUM] if body >= 0 else world
-                    happened, crosses, dx, dy, dz, code, state = meet_surface(
+                    happened, crosses, dx, dy, dz, code, state, weight = meet(
+                        rare, twins, ray, ray_i[N_RECORDS, ray] >= depth, x, y, z, weight,
                         surface_i, surface_f, medium_i, medium_f, tables, face_i[face, F_SURFACE],
                         medium, other, dx, dy, dz, sx, sy, sz, shading, code, colors, counters,
                         state, follow,
@@ -328,6 +335,8 @@ def interact(scene: CompiledScene, b: Buffers, follow: int) -> None:
         if not ignored:
             if ray_i[N_RECORDS, ray] >= depth and event & ENDING == 0:
                 event = (event & RIM_HIT) | DEPTH_LIMIT
+            turned_off = twin_event(twins, event)
+            event, weight, state = end_faint_ray(rare, event, weight, state)
             write_record(
                 words, real, r, x, y, z, nx, ny, nz, obj, triangle, event, medium, code, ray
             )
@@ -336,13 +345,23 @@ def interact(scene: CompiledScene, b: Buffers, follow: int) -> None:
             last = r
             r += 1
             ray_i[N_RECORDS, ray] += 1
+            if turned_off != 0:
+                twin = release_twin(
+                    twins, b, ray, r, x, y, z, nx, ny, nz, cosine, face, face_i[face, F_AXIS],
+                    own_body, own_triangle, nest_before, medium_before, state,
+                )  # fmt: skip
+                write_record(
+                    words, real, r, x, y, z, nx, ny, nz, obj, triangle, turned_off, medium_before,
+                    twin_code(twins), twin,
+                )  # fmt: skip
+                r += 1
             if event & ENDING != 0:
-                ray_f[ray] = live_f[WEIGHT, i]
+                ray_f[ray] = weight
                 continue
         # Go on
         live_f[0, kept], live_f[1, kept], live_f[2, kept] = x, y, z
         live_f[3, kept], live_f[4, kept], live_f[5, kept] = dx, dy, dz
-        live_f[WEIGHT, kept] = live_f[WEIGHT, i]
+        live_f[WEIGHT, kept] = weight
         live_i[OWN, kept], live_i[KEY, kept] = own, key
         if meshed:
             live_i[OWN_BODY, kept], live_i[OWN_TRIANGLE, kept] = own_body, own_triangle
@@ -350,7 +369,7 @@ def interact(scene: CompiledScene, b: Buffers, follow: int) -> None:
         live_i[RNG, kept] = np.int64(state)
         live_i[RAY, kept], live_i[LAST, kept] = ray, last
         kept += 1
-    counters[LIVE] = kept
+    counters[LIVE] = gather_twins(twins, b, kept)
     counters[RECORDS] = r
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from raymap.kernels import inner_kernel, lean_kernel
 from tracer.engine.buffers import (
-    COLORS,
-    DESCRIPTORS,
     HIT,
     LIVE,
     MESH_BODY,
@@ -15,12 +13,12 @@ from tracer.engine.buffers import (
     MESH_TRIANGLE,
     OWN_BODY,
     OWN_TRIANGLE,
-    RECORDS,
     Buffers,
     T,
 )
 from tracer.engine.interact import interact
 from tracer.engine.intersect import nearest_hits
+from tracer.engine.splitting import Twins, has_room
 from tracer.geometry.kinds import F64, I64
 from tracer.geometry.mesh_hits import (
     MeshArrays,
@@ -36,18 +34,14 @@ __all__ = ["run_mesh_steps"]
 @lean_kernel
 def run_mesh_steps(
     scene: CompiledScene, mesh: MeshArrays, first_face: I64, scratch: MeshScratch, b: Buffers,
-    follow: int,
+    twins: Twins | None, follow: int,
 ) -> bool:  # fmt: skip
     """As `run_steps`, with meshes; ``first_face`` is the row of face 0 of every mesh object."""
     counters = b.counters
     meetings = len(scene.detector_i) + 1
     while counters[LIVE] > 0:
         n = counters[LIVE]
-        if (
-            counters[RECORDS] + n > len(b.words)
-            or counters[DESCRIPTORS] + n * meetings > len(b.meeting_t)
-            or counters[COLORS] + 4 * n > len(b.colors)
-        ):
+        if not has_room(twins, b, n, meetings):
             return False
         nearest_hits(
             scene.face_i, scene.face_f, scene.pool, scene.first, scene.face, scene.distance,
@@ -61,7 +55,7 @@ def run_mesh_steps(
             b.live_f[MESH_NORMAL:MESH_SHADING], n, scratch,
         )  # fmt: skip
         _name_faces(mesh, first_face, b.live_f, b.live_i, n)
-        interact(scene, b, follow)
+        interact(scene, b, twins, follow)
     return True
 
 

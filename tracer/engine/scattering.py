@@ -42,7 +42,13 @@ from tracer.scene.arrays import (
     SURFACE_ROW,
 )
 
-__all__ = ["Outcome", "meet_scatterer", "scatter_specular"]
+__all__ = [
+    "Outcome",
+    "meet_scatterer",
+    "metal_reflectance",
+    "scatter_specular",
+    "survive_metal",
+]
 
 Outcome = tuple[int, bool, float, float, float, int, np.uint64]
 
@@ -153,7 +159,7 @@ def scatter_specular(
 
 
 @inner_kernel
-def _metal(
+def metal_reflectance(
     surface_i: I64, surface_f: F64, medium_f: F64, tables: F64, surface: int, medium: int,
     channel: int, cosine: float,
 ) -> float:  # fmt: skip
@@ -166,18 +172,20 @@ def _metal(
 
 
 @inner_kernel
-def _survive_metal(
+def survive_metal(
     surface_i: I64, surface_f: F64, medium_f: F64, tables: F64, surface: int, medium: int,
     cosine: float, code: int, colors: F64, counters: I64, u: float,
 ) -> tuple[bool, int]:  # fmt: skip
     """Whether light is reflected by the metal, and its colour then."""
     n_channels = colors.shape[1]
     if code < n_channels:
-        reflectance = _metal(surface_i, surface_f, medium_f, tables, surface, medium, code, cosine)
+        reflectance = metal_reflectance(
+            surface_i, surface_f, medium_f, tables, surface, medium, code, cosine
+        )
         return u < reflectance, code
     spare = counters[COLORS] + 1
     for j in range(n_channels):
-        colors[spare, j] = _metal(
+        colors[spare, j] = metal_reflectance(
             surface_i, surface_f, medium_f, tables, surface, medium, j, cosine
         )
     if u >= mean_of(colors, code, colors, spare, np.int64(0)):
@@ -192,7 +200,7 @@ def _meet_mirror(
     colors: F64, counters: I64, state: np.uint64,
 ) -> Outcome:  # fmt: skip
     state = advance(state)
-    reflected, code = _survive_metal(
+    reflected, code = survive_metal(
         surface_i, surface_f, medium_f, tables, surface, medium, cos_i, code, colors, counters,
         uniform(state),
     )  # fmt: skip
@@ -279,7 +287,7 @@ def _rough_mirror(
     )  # fmt: skip
     state = advance(state)
     if cos_m >= 0.0:
-        reflected, code = _survive_metal(
+        reflected, code = survive_metal(
             surface_i, surface_f, medium_f, tables, surface, medium, cos_m, code, colors, counters,
             uniform(state),
         )  # fmt: skip

@@ -34,7 +34,7 @@ from tracer.engine.buffers import (
 from tracer.geometry.kinds import F64, I64
 from tracer.scene.arrays import I32
 
-__all__ = ["Columns", "store_block"]
+__all__ = ["Columns", "copy_records", "store_block"]
 
 I16 = NDArray[np.int16]
 U16 = NDArray[np.uint16]
@@ -77,16 +77,7 @@ def store_block(
     ``filled`` counts rays, records, descriptors and mixed colours in the columns and is brought up
     to date. The first ``n_sources`` rows of the colour table are the sources' colours.
     """
-    words, real, exact = b.words, b.real, b.exact
-    meetings, meeting_t, colors, ray_i = b.meetings, b.meeting_t, b.colors, b.ray_i
-    n_channels = colors.shape[1]
-    n_rays, n_records, n_descriptors, n_colors = filled[0], filled[1], filled[2], filled[3]
-    for k in range(b.counters[COLORS]):
-        color_map[k] = k if k < n_sources else -1
-    if n_colors == 0:
-        for k in range(n_sources):
-            _quantise(colors, k, columns.color_table, k)
-        n_colors = n_sources
+    words, ray_i, n_rays = b.words, b.ray_i, filled[0]
     # Find the place of every record: rays in order, records of a ray as they happened
     total = 0
     for ray in range(n):
@@ -99,7 +90,31 @@ def store_block(
         ray = words[r, R_RAY]
         order[ray_i[N_RECORDS, ray]] = r
         ray_i[N_RECORDS, ray] += 1
-    # Copy the records there
+    copy_records(total, n_sources, b, columns, filled, color_map, order)
+    filled[0] = n_rays + n
+
+
+@inner_kernel
+def copy_records(
+    total: int,
+    n_sources: int,
+    b: Buffers,
+    columns: Columns,
+    filled: I64,
+    color_map: I32,
+    order: I32,
+) -> None:
+    """Append the ``total`` records of a block, record ``order[k]`` as the k-th of them."""
+    words, real, exact = b.words, b.real, b.exact
+    meetings, meeting_t, colors = b.meetings, b.meeting_t, b.colors
+    n_channels = colors.shape[1]
+    n_records, n_descriptors, n_colors = filled[1], filled[2], filled[3]
+    for k in range(b.counters[COLORS]):
+        color_map[k] = k if k < n_sources else -1
+    if n_colors == 0:
+        for k in range(n_sources):
+            _quantise(colors, k, columns.color_table, k)
+        n_colors = n_sources
     for k in range(total):
         r = int(order[k])
         place = n_records + k
@@ -132,7 +147,6 @@ def store_block(
         if len(exact) > 0:
             for axis in range(3):
                 columns.exact[place, axis] = exact[r, axis]
-    filled[0] = n_rays + n
     filled[1] = n_records + total
     filled[2] = n_descriptors
     filled[3] = n_colors

@@ -1,4 +1,4 @@
-"""The analog engine: portions of rays, traced block after block in step.
+"""The engine: portions of rays, traced block after block in step.
 
 Compiled code does all the work per ray; Python only grows buffers and starts the next block. Every
 worker thread has its own buffers, and the interpreter lock is released while rays are traced.
@@ -19,8 +19,10 @@ from raymap.portion import Portion
 from tracer.engine.buffers import COLORS, DESCRIPTORS, LIVE, RECORDS, Buffers, Workspace
 from tracer.engine.interact import emit_block, interact, place_block
 from tracer.engine.intersect import nearest_hits
+from tracer.engine.splitting import Twins, has_room, make_twins, start_emissions, widen
 from tracer.engine.store import Columns, store_block
-from tracer.scene.arrays import CompiledScene
+from tracer.engine.store_split import order_split_block, store_split_block
+from tracer.scene.arrays import R_RAYS, R_SPLITS, CompiledScene
 from tracer.sources import emitted_counts
 
 if TYPE_CHECKING:
@@ -31,27 +33,26 @@ __all__ = ["BLOCK", "Wavefront", "run_steps"]
 BLOCK = 4096
 """Rays traced in step; their state fits the second-level cache."""
 
+_SPLIT_BLOCK = 16_384
+_STREAMS = 0x5851F42D4C957F2D
+_WORD = 2**63 - 1
+
 _RAYS, _RECORDS, _DESCRIPTORS, _COLORS = range(4)
 
 
 @lean_kernel
-def run_steps(scene: CompiledScene, b: Buffers, follow: int) -> bool:
+def run_steps(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int) -> bool:
     """Trace until no ray is alive (True) or a buffer could overflow in the next step (False)."""
     counters = b.counters
     meetings = len(scene.detector_i) + 1
     while counters[LIVE] > 0:
         n = counters[LIVE]
-        if (
-            counters[RECORDS] + n > len(b.words)
-            or counters[DESCRIPTORS] + n * meetings > len(b.meeting_t)
-            or counters[COLORS] + 4 * n > len(b.colors)
-        ):
+        if not has_room(twins, b, n, meetings):
             return False
         nearest_hits(
-            scene.face_i, scene.face_f, scene.pool, scene.first, scene.face, scene.distance,
-            b.live_f, b.live_i, n, b.bundle_f, b.bundle_i, b.bins,
+            scene, b.live_f, b.live_i, n, b.bundle_f, b.bundle_i, b.bins
         )  # fmt: skip
-        interact(scene, b, follow)
+        interact(scene, b, twins, follow)
     return True
 
 
@@ -65,6 +66,12 @@ class Wavefront:
     meshes : the scene's triangle meshes, if it has any
     block : rays traced in step
     exact : keep the positions in float64 as an extra column ``exact``
+    weighted : trace as the scene's settings of rare light say, if it has any; otherwise every ray
+        weighs the same
+
+    Attributes
+    ----------
+    fan : rays that an emission may become; emission e has the ray numbers from e · fan on
     """
 
     def __init__(
@@ -75,16 +82,21 @@ class Wavefront:
         meshes: SceneMeshes | None = None,
         block: int = BLOCK,
         exact: bool = False,
+        weighted: bool = False,
     ) -> None:
         self.meshes = meshes
-        self.scene = scene
-        self.seed = seed
-        self.block = block
+        self.scene = scene if weighted else scene._replace(rare=None)
         self.exact = exact
+        rare = self.scene.rare
+        self.splits = rare is not None and rare.settings[R_SPLITS] > 0.0
+        self.fan = int(rare.settings[R_RAYS]) if rare is not None and self.splits else 1
+        # Emissions have numbers of their own where they split, so they take streams of their own
+        self.seed = seed if self.fan == 1 else (seed + self.fan * _STREAMS) & _WORD
+        self.block = block if self.fan == 1 else max(16, _SPLIT_BLOCK // self.fan)
         self._local = threading.local()
 
     def trace(self, first_ray: int, n_rays: int, *, reuse: bool = False) -> Portion:
-        """Trace the rays ``first_ray`` to ``first_ray + n_rays``.
+        """Trace the rays (the emissions, where they split) first_ray to first_ray + n_rays.
 
         With ``reuse`` the columns are views of this thread's buffers, valid until its next call.
         """
@@ -93,10 +105,40 @@ class Wavefront:
         for start in range(0, n_rays, self.block):
             n = min(self.block, n_rays - start)
             emit_block(self.scene, self.seed, first_ray + start, n, workspace.buffers)
+            if self.splits:
+                start_emissions(self._local.twins, n, workspace.buffers.counters)
             self._run(workspace, 0)
-            assembly.store(workspace, n)
+            if self.splits:
+                assembly.store_split(workspace, self._local.twins, n)
+            else:
+                assembly.store(workspace, n)
         emitted = emitted_counts(self.scene.pattern, len(self.scene.source_i), first_ray, n_rays)
-        return assembly.portion(emitted, self.scene, first_ray, copy=not reuse)
+        portion = assembly.portion(emitted, self.scene, first_ray, copy=not reuse)
+        if self.scene.rare is None:
+            return portion
+        return self._weighed(portion, assembly, first_ray, n_rays)
+
+    def _weighed(
+        self, portion: Portion, assembly: _Assembly, first_ray: int, n_rays: int
+    ) -> Portion:
+        """The portion with weights, and with numbers and emissions of rays where they split."""
+        weight = assembly.columns.weight[: portion.n_rays].astype(np.float32)
+        if not self.splits:
+            return replace(portion, weight=weight)
+        of_ray = np.repeat(np.arange(n_rays), assembly.counts())
+        place = np.arange(portion.n_rays) - np.repeat(
+            np.cumsum(assembly.counts()) - assembly.counts(), assembly.counts()
+        )
+        emission = (first_ray + of_ray) * self.fan
+        owners = self.scene.pattern[(first_ray + of_ray) % len(self.scene.pattern)]
+        return replace(
+            portion,
+            source=owners.astype(np.int16),
+            first_ray=first_ray * self.fan,
+            ray_ids=emission + place,
+            emission=emission,
+            weight=weight,
+        )
 
     def trace_given(
         self, origins: NDArray[np.float64], directions: NDArray[np.float64], *, follow: int = 0
@@ -116,8 +158,8 @@ class Wavefront:
 
     def _run(self, workspace: Workspace, follow: int) -> None:
         if self.meshes is None:
-            while not run_steps(self.scene, workspace.buffers, follow):
-                workspace.make_room(self.scene)
+            while not run_steps(self.scene, workspace.buffers, self._twins(), follow):
+                self._make_room(workspace)
             return
         from tracer.engine.meshes import run_mesh_steps
         from tracer.geometry.mesh_hits import mesh_scratch
@@ -126,14 +168,24 @@ class Wavefront:
             self._local.scratch = mesh_scratch()
         while not run_mesh_steps(
             self.scene, self.meshes.arrays, self.meshes.first_face, self._local.scratch,
-            workspace.buffers, follow,
+            workspace.buffers, self._twins(), follow,
         ):  # fmt: skip
-            workspace.make_room(self.scene)
+            self._make_room(workspace)
+
+    def _twins(self) -> Twins | None:
+        return self._local.twins if self.splits else None
+
+    def _make_room(self, workspace: Workspace) -> None:
+        workspace.make_room(self.scene)
+        if self.splits:
+            self._local.twins = widen(workspace, self._local.twins)
 
     def _buffers(self) -> tuple[Workspace, _Assembly]:
         if not hasattr(self._local, "workspace"):
             self._local.workspace = Workspace.create(self.scene, self.block, exact=self.exact)
             self._local.assembly = _Assembly(self.scene, exact=self.exact)
+            if self.splits:
+                self._local.twins = make_twins(self.block, self.block)
         return self._local.workspace, self._local.assembly
 
 
@@ -144,6 +196,7 @@ class _Assembly:
         self.n_sources, self.n_channels = len(scene.source_i), scene.n_channels
         self.exact = exact
         self.filled = np.zeros(4, np.int64)
+        self._counts: list[NDArray[np.int32]] = []
         self.columns = self._allocate(0, 0, 0, 0)
 
     def _allocate(self, rays: int, records: int, descriptors: int, colors: int) -> Columns:
@@ -169,6 +222,7 @@ class _Assembly:
 
     def start(self, n_rays: int) -> None:
         self.filled[:] = 0
+        self._counts.clear()
         self._reserve(n_rays, 0, 0, self.n_sources)
 
     def store(self, workspace: Workspace, n: int) -> None:
@@ -184,6 +238,23 @@ class _Assembly:
             n, self.n_sources, workspace.buffers, self.columns, self.filled,
             np.empty(int(counters[COLORS]), np.int32), np.empty(int(counters[RECORDS]), np.int32),
         )  # fmt: skip
+
+    def store_split(self, workspace: Workspace, twins: Twins, n: int) -> None:
+        """Append a finished block of ``n`` emissions that have split into rays."""
+        b = workspace.buffers
+        block = order_split_block(b, twins, n)
+        self._reserve(
+            int(self.filled[_RAYS]) + len(block.ray),
+            int(self.filled[_RECORDS]) + len(block.order),
+            int(self.filled[_DESCRIPTORS]) + block.n_descriptors,
+            int(max(self.filled[_COLORS], self.n_sources) + b.counters[COLORS]),
+        )
+        store_split_block(block, b, self.n_sources, self.columns, self.filled)
+        self._counts.append(twins.count[:n].copy())
+
+    def counts(self) -> NDArray[np.int32]:
+        """Rays of every emission."""
+        return np.concatenate(self._counts)
 
     def _reserve(self, rays: int, records: int, descriptors: int, colors: int) -> None:
         old = self.columns

@@ -40,7 +40,8 @@ B_MEDIUM, B_PRIORITY = range(2)
 
 # Columns of source_i; source_f: center 0-2, normal 3-5, u 6-8, v 9-11, half sizes or inner and
 # outer radius 12-13, cosine that limits the cone 14, direction of a collimated beam 15-17, normal
-# in the record 18-20, then the shares of the channels (C)
+# in the record 18-20, place in the pool of light 21, tilt of a ring [rad] 22, then the shares of
+# the channels (C)
 L_AREA, L_DIRECTIONS, L_CODE, L_NEST, L_MEDIUM = range(5)
 SOURCE_ROW = 24
 
@@ -65,8 +66,30 @@ DEPTH, WORLD, VIRTUAL = range(3)
 ) = range(9)
 
 # Where a source emits from, and into which directions
-FROM_DISC, FROM_RECTANGLE, FROM_POINT = range(3)
-COLLIMATED, LAMBERTIAN_CONE, UNIFORM_CONE = range(3)
+FROM_DISC, FROM_RECTANGLE, FROM_POINT, FROM_RING, FROM_PICTURE, FROM_LIST = range(6)
+COLLIMATED, LAMBERTIAN_CONE, UNIFORM_CONE, BY_TABLE = range(4)
+
+
+# Entries of RareLight.settings: least probability of a reflection, reflections that split light,
+# weight below which rays are thinned out, probability of aiming, most rays of an emission
+R_LEAST, R_SPLITS, R_FAINT, R_AIM, R_RAYS = range(5)
+
+# Columns of RareLight.targets: shape, center 1-3, normal 4-6, u 7-9, v 10-12, half sizes or inner
+# and outer radius 13-14, radius of the bounding sphere 15, 1 where only light towards the normal's
+# side counts 16
+TARGET_ROW = 17
+TARGET_SPHERE, TARGET_RECTANGLE, TARGET_RING = range(3)
+
+
+class RareLight(NamedTuple):
+    """What the weighted mode does differently.
+
+    settings (5,) : see above
+    targets (n, TARGET_ROW) : what scattered light is aimed at
+    """
+
+    settings: F64
+    targets: F64
 
 
 class CompiledScene(NamedTuple):
@@ -76,13 +99,15 @@ class CompiledScene(NamedTuple):
         where all faces are flat rings, rectangles, spheres or cylinders
     surface_i, surface_f, medium_i, medium_f, body_i, source_i, source_f, detector_i, detector_f
     pattern : deals ray numbers to sources
-    first, face, distance : candidate lists (`tracer.scene.candidates`)
+    first, face, distance, settle, settles : candidate lists (`tracer.scene.candidates`)
     tables : flat pool of all sampled functions; None where no medium absorbs or scatters and all
         surfaces absorb, are bare or of constant reflectance, or Lambertian
 
     The compiler leaves out what None says is not needed: simple scenes start sooner.
     sphere : center and radius of the bounding sphere
     limits : most points of a ray, medium of the world, whether any detector is virtual
+    rare : settings of the weighted mode; None in the analog one, where the compiler leaves it out
+    light_pool, light_rays : tables of sources (`tracer.scene.light_pool`); None where all are plain
     """
 
     face_i: I64
@@ -101,9 +126,14 @@ class CompiledScene(NamedTuple):
     first: I64
     face: I64
     distance: F64
+    settle: I32
+    settles: NDArray[np.uint8]
     tables: F64 | None
     sphere: F64
     limits: I64
+    rare: RareLight | None = None
+    light_pool: F64 | None = None
+    light_rays: NDArray[np.float32] | None = None
 
     @property
     def n_channels(self) -> int:

@@ -45,6 +45,7 @@ from tracer.scene.arrays import (
     SOURCE_ROW,
     UNIFORM_CONE,
     CompiledScene,
+    RareLight,
 )
 from tracer.scene.candidates import find_candidates, main_axis
 from tracer.scene.checks import check_lenses
@@ -52,6 +53,7 @@ from tracer.scene.load import _nearest
 from tracer.scene.media import medium_table
 from tracer.scene.meshes import MeshFace, MeshShelf, SceneMeshes
 from tracer.scene.model import RGB_NM, Scene, SourceModel, SurfaceModel, cone_cosine
+from tracer.scene.rare_light import compile_rare_light
 from tracer.scene.surfaces import SurfaceTable
 from tracer.sources import deal_rays
 
@@ -174,7 +176,8 @@ class _Compiler:
         surface_i, surface_f, tables = surface_table.compile(self._surface_models())
         source_i, source_f, pattern, boxes = self._sources()
         detector_i, detector_f = self._detectors()
-        first, face, distance = find_candidates([p.shape for p in primitives], boxes)
+        candidates = find_candidates([p.shape for p in primitives], boxes)
+        rare = self._rare_light(objects, primitives)
         arrays = CompiledScene(
             face_i=face_i,
             face_f=face_f,
@@ -195,10 +198,12 @@ class _Compiler:
             detector_i=detector_i,
             detector_f=detector_f,
             pattern=pattern,
-            first=first,
+            first=candidates.first,
             face=face,
-            distance=distance,
-            tables=tables if _needs_tables(surface_i, self.media.integers) else None,
+            distance=candidates.distance,
+            settle=candidates.settle,
+            settles=candidates.settles,
+            tables=tables if rare or _needs_tables(surface_i, self.media.integers) else None,
             sphere=np.array([*center, radius]),
             limits=np.array(
                 [
@@ -208,6 +213,7 @@ class _Compiler:
                 ],
                 np.int64,
             ),
+            rare=rare,
         )
         directory = self._directory(objects, center, radius)
         return Compilation(
@@ -218,6 +224,25 @@ class _Compiler:
             meshes=meshes,
             solids=self.shelf.finish(),
         )
+
+    def _rare_light(
+        self, objects: list[SceneObject], primitives: list[_Primitive]
+    ) -> RareLight | None:
+        """What the weighted mode does differently, with the shapes that light is aimed at."""
+        faces: dict[str, list[Shape]] = {
+            f"{item.name}.{face.name}": [] for item in objects for face in item.faces
+        }
+        for primitive in primitives:
+            item = objects[primitive.object]
+            for face in item.faces:
+                if 0 <= primitive.triangle - face.first_primitive < face.primitive_count:
+                    faces[f"{item.name}.{face.name}"].append(primitive.shape)
+        planes = {}
+        for name, detector in self.scene.detectors.items():
+            u, v, _ = detector.axes()
+            plane = Rectangle(np.array(detector.position), u, v, detector.size)
+            planes[name] = (plane, detector.both_sides)
+        return compile_rare_light(self.scene.trace, faces, planes, self.scene.origin)
 
     # -- bodies and faces ----------------------------------------------------------------------
 

@@ -15,6 +15,7 @@ from pydantic import Field, SerializeAsAny
 
 from tracer.geometry.bodies import Body
 from tracer.scene.fields import ByWavelength, Node, Placed, Positive, Share, Spectral, Vector
+from tracer.scene.rare_light import TraceModel
 
 __all__ = [
     "DetectorModel",
@@ -347,6 +348,7 @@ class Scene(Node):
     spectrum: Spectrum = Spectrum()
     world: World = World()
     limits: Limits = Limits()
+    trace: TraceModel = TraceModel()
     media: dict[str, MediumModel] = {}
     surfaces: dict[str, SurfaceModel] = {}
     bodies: dict[str, SerializeAsAny[Body]] = {}

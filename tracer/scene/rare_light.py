@@ -1,0 +1,146 @@
+"""The table ``[trace]`` of a scene: how light is followed; targets of the weighted mode."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from fnmatch import fnmatchcase
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from raymap.errors import SceneError
+from tracer.geometry.shapes import Annulus, Rectangle, Shape
+from tracer.scene.arrays import (
+    TARGET_RECTANGLE,
+    TARGET_RING,
+    TARGET_ROW,
+    TARGET_SPHERE,
+    RareLight,
+)
+from tracer.scene.fields import Node
+
+__all__ = ["TraceModel", "compile_rare_light"]
+
+Array = NDArray[np.float64]
+
+
+class TraceModel(Node):
+    """How light is followed.
+
+    analog : every ray carries the same flux
+    weighted : rays carry weights, fluxes stay the same. ``min_reflection`` is the least probability
+        of a reflection at a smooth interface, of a scatter and of light sent on by a diffuser;
+        ``split_depth``: light is split at smooth interfaces until so many reflections have split
+        it off; ``aim``: names of faces, bodies or detectors that scattered light is aimed at, with
+        the probability ``aim_share``; rays of a weight below ``roulette_weight`` are thinned out;
+        ``rays_per_emission`` is the most that one emission may become
+    """
+
+    mode: Literal["analog", "weighted"] = "analog"
+    min_reflection: Annotated[float, Field(ge=0, le=0.9)] = 0.0
+    split_depth: Annotated[int, Field(ge=0, le=16)] = 0
+    aim: tuple[str, ...] = ()
+    aim_share: Annotated[float, Field(gt=0, le=0.9)] = 0.5
+    roulette_weight: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    rays_per_emission: Annotated[int, Field(ge=2, le=65536)] = 256
+
+    def model_post_init(self, context: Any) -> None:
+        if self.mode == "analog" and self.model_fields_set - {"mode"}:
+            names = ", ".join(sorted(self.model_fields_set - {"mode"}))
+            raise ValueError(f"{names} goes with mode = 'weighted'")
+        if self.mode == "weighted" and not (self.min_reflection or self.split_depth or self.aim):
+            raise ValueError(
+                "the weighted mode needs something to do: min_reflection, split_depth or aim"
+            )
+
+
+def compile_rare_light(
+    model: TraceModel,
+    faces: Mapping[str, Sequence[Shape]],
+    detectors: Mapping[str, tuple[Rectangle, bool]],
+    origin: str,
+) -> RareLight | None:
+    """Settings and targets for the engine, None in the analog mode.
+
+    Parameters
+    ----------
+    faces : shapes of every face by its full name ``body.face``
+    detectors : plane of every detector that can be aimed at, and whether both its sides register
+    origin : names the scene in messages
+
+    Raises
+    ------
+    SceneError
+        a name that nothing carries
+    """
+    if model.mode == "analog":
+        return None
+    targets: list[Array] = []
+    for pattern in model.aim:
+        rows = [
+            _rectangle(plane, both_sides=both)
+            for name, (plane, both) in detectors.items()
+            if fnmatchcase(name, pattern)
+        ]
+        owners = dict.fromkeys(name.rpartition(".")[0] for name in faces)
+        for owner in owners:
+            if fnmatchcase(owner, pattern) and owner not in detectors:
+                shapes = [s for n in faces if n.rpartition(".")[0] == owner for s in faces[n]]
+                rows.append(_target(shapes))
+        for name, shapes in faces.items():
+            if fnmatchcase(name, pattern) and name.rpartition(".")[0] not in detectors:
+                rows.append(_target(shapes))
+        if not rows:
+            from tracer.scene.load import _nearest
+
+            known = dict.fromkeys([*detectors, *owners, *faces], 0)
+            raise SceneError(
+                f"{origin}: trace.aim: nothing that can be aimed at is called "
+                f"{pattern!r}{_nearest(pattern, known)}"
+            )
+        targets += rows
+    settings = np.array(
+        [
+            model.min_reflection,
+            model.split_depth,
+            model.roulette_weight,
+            model.aim_share if targets else 0.0,
+            model.rays_per_emission,
+        ]
+    )
+    return RareLight(settings, np.array(targets).reshape(-1, TARGET_ROW))
+
+
+def _target(shapes: Iterable[Shape]) -> Array:
+    """One shape as it is where that can be sampled, else the sphere about all of them."""
+    known = list(shapes)
+    if len(known) == 1 and isinstance(known[0], Rectangle):
+        return _rectangle(known[0], both_sides=True)
+    if len(known) == 1 and isinstance(known[0], Annulus):
+        ring = known[0]
+        s = np.zeros(TARGET_ROW)
+        u = np.cross(ring.normal, np.eye(3)[int(np.argmin(np.abs(ring.normal)))])
+        u /= np.linalg.norm(u)
+        s[0], s[1:4], s[4:7] = TARGET_RING, ring.origin, ring.normal
+        s[7:10], s[10:13] = u, np.cross(ring.normal, u)
+        s[13:16] = ring.inner, ring.outer, ring.outer
+        return s
+    boxes = [shape.bounds() for shape in known]
+    low = np.min([box[0] for box in boxes], axis=0)
+    high = np.max([box[1] for box in boxes], axis=0)
+    s = np.zeros(TARGET_ROW)
+    s[0], s[1:4] = TARGET_SPHERE, (low + high) / 2.0
+    s[15] = np.linalg.norm(high - low) / 2.0
+    return s
+
+
+def _rectangle(plane: Rectangle, *, both_sides: bool) -> Array:
+    s = np.zeros(TARGET_ROW)
+    s[0], s[1:4], s[4:7] = TARGET_RECTANGLE, plane.origin, plane.normal
+    s[7:10], s[10:13] = plane.u, plane.v
+    s[13], s[14] = plane.size[0] / 2.0, plane.size[1] / 2.0
+    s[15] = np.hypot(s[13], s[14])
+    s[16] = 0.0 if both_sides else 1.0
+    return s
