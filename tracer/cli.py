@@ -50,11 +50,18 @@ def record(
     no_rays: Annotated[
         bool, typer.Option("--no-rays", help="Trace for the detectors' results only.")
     ] = False,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            help="Trace on the workers of the Dask scheduler at this address; -o names a folder."
+        ),
+    ] = None,
     variant: Variant = None,
     json: Json = False,
 ) -> None:
     """Trace a scene and record every light path."""
     import warnings
+    from contextlib import nullcontext
 
     from raymap.cli import emit_json
     from tracer.record import record as record_scene
@@ -63,7 +70,14 @@ def record(
     if output is None and not no_rays:
         raise typer.BadParameter("name the map to write with -o MAP", param_hint="--output")
     loaded = load_scene(scene, variants=variant or ())
-    with warnings.catch_warnings(record=True) as caught, _Display(quiet=json) as display:
+    if scheduler is not None:
+        from raymap.cluster import scheduler_executor
+    workers = nullcontext() if scheduler is None else scheduler_executor(scheduler)
+    with (
+        warnings.catch_warnings(record=True) as caught,
+        _Display(quiet=json) as display,
+        workers as executor,
+    ):
         warnings.simplefilter("always")
         result = record_scene(
             loaded,
@@ -78,6 +92,7 @@ def record(
             compact=compact,
             no_rays=no_rays,
             progress=display.show,
+            executor=executor,
         )
     for text in dict.fromkeys(str(item.message) for item in caught):
         typer.echo(f"warning: {text}", err=True)

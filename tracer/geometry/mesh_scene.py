@@ -45,6 +45,7 @@ class MeshScene:
 
     Attributes
     ----------
+    placements : as given
     arrays : MeshArrays, for `nearest_on_meshes` and the normals
     """
 
@@ -53,6 +54,7 @@ class MeshScene:
     ) -> None:
         if not placements:
             raise SceneError("a mesh scene needs at least one mesh")
+        self.placements = tuple(placements)
         uses: dict[int, int] = {}
         for placement in placements:
             uses[id(placement.mesh)] = uses.get(id(placement.mesh), 0) + 1

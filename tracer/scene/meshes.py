@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,17 @@ class SceneMeshes:
     arrays: MeshArrays
     first_face: NDArray[np.int64]
     scene: MeshScene
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Embree's tree does not travel: it is built again from the meshes
+        return _built, (self.scene.placements, self.first_face)
+
+
+def _built(placements: Sequence[Placement], first_face: NDArray[np.int64]) -> SceneMeshes:
+    from tracer.geometry.mesh_scene import MeshScene
+
+    scene = MeshScene(placements)
+    return SceneMeshes(arrays=scene.arrays, first_face=first_face, scene=scene)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,9 +105,4 @@ class MeshShelf:
         """All meshes behind one search tree; None where there is none."""
         if not self.placements:
             return None
-        from tracer.geometry.mesh_scene import MeshScene
-
-        scene = MeshScene(self.placements)
-        return SceneMeshes(
-            arrays=scene.arrays, first_face=np.array(self.first_face, np.int64), scene=scene
-        )
+        return _built(self.placements, np.array(self.first_face, np.int64))
