@@ -31,7 +31,13 @@ __all__ = ["READERS", "IntensityGrid", "RayList", "read_light"]
 Array = NDArray[np.float64]
 FluxUnit = Literal["W", "lm"]
 
-READERS: dict[str, str] = {}
+READERS: dict[str, str] = {
+    ".ies": "tracer.photometry.lm63:read",
+    ".ldt": "tracer.photometry.eulumdat:read",
+    ".tm25ray": "tracer.ray_files:read",
+    ".sdf": "tracer.ray_files:read",
+    ".dat": "tracer.ray_files:read",
+}
 """Reader by suffix, "module:function": (path: Path) -> IntensityGrid | RayList.
 
 A reader raises `SceneError` in one clear line for a file that it cannot use.

@@ -1,0 +1,177 @@
+"""EULUMDAT: reading luminous intensities.
+
+One value per line, by line number (A. Stockmar, "EULUMDAT - ein Leuchtendatenformat für den
+europäischen Beleuchtungsplaner", Licht '90, 641-644). Intensities stand in candela per 1000 lumen
+of the lamps; the planes that a symmetry implies are left out.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raymap.errors import SceneError
+from tracer.light import IntensityGrid
+
+__all__ = ["read"]
+
+_MOST_ANGLES = 100_000
+_DIFFERENCE = 0.05
+
+
+class _Lines:
+    """Values by line; messages name the line and what stands there."""
+
+    def __init__(self, path: Path) -> None:
+        self.name = path.name
+        text = path.read_bytes().removeprefix(b"\xef\xbb\xbf").decode("latin-1")
+        self.lines = text.splitlines()
+        self.place = 0
+
+    def text(self) -> str:
+        if self.place >= len(self.lines):
+            raise SceneError(f"{self.name}: ends at line {self.place}, before its values do")
+        self.place += 1
+        return self.lines[self.place - 1].strip()
+
+    def skip(self, count: int) -> None:
+        self.place += count
+
+    def number(self, what: str) -> float:
+        text = self.text().replace(",", ".")
+        try:
+            value = float(text or 0)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise SceneError(
+                f"{self.name}: line {self.place} is {text[:40]!r}, where {what} stands in EULUMDAT"
+            )
+        return value
+
+    def count(self, what: str, least: int) -> int:
+        value = self.number(what)
+        if not (least <= value <= _MOST_ANGLES and value == int(value)):
+            raise SceneError(f"{self.name}: line {self.place}: {what} is {value:g}")
+        return int(value)
+
+    def numbers(self, n: int, what: str) -> NDArray[np.float64]:
+        """n numbers, one per line; blank lines are skipped, some programs write several a line."""
+        found: list[float] = []
+        while len(found) < n:
+            words = self.text().replace(",", ".").split()
+            try:
+                found += [float(word) for word in words]
+            except ValueError:
+                raise SceneError(
+                    f"{self.name}: line {self.place} is {' '.join(words)[:40]!r}, where {what} "
+                    "stand in EULUMDAT"
+                ) from None
+        if len(found) > n:
+            raise SceneError(f"{self.name}: line {self.place}: more {what} than the {n} promised")
+        return np.array(found)
+
+    def end(self) -> None:
+        """Refuse numbers behind the last one."""
+        rest = [line for line in self.lines[self.place :] if line.strip(" \0\x1a\t")]
+        if rest:
+            raise SceneError(
+                f"{self.name}: {len(rest)} lines more than its planes, angles and symmetry promise"
+            )
+
+
+def read(path: Path) -> IntensityGrid:
+    """The intensities of a luminaire in candela, scaled to the flux that its header states.
+
+    The flux is that of the (first set of) lamps times the light output ratio. Where the integral
+    of the intensities differs from it by more than 5 %, a warning says so.
+
+    Raises
+    ------
+    SceneError
+        The file ends early, a line is not what stands there, or planes do not fit the symmetry.
+    """
+    lines = _Lines(path)
+    lines.skip(2)
+    symmetry = lines.count("the symmetry (0 to 4)", 0)
+    n_planes = lines.count("the number of C planes", 1)
+    lines.skip(1)
+    n_gamma = lines.count("the number of gamma angles", 2)
+    lines.skip(8)
+    lines.skip(1)
+    length, width = lines.number("a length"), lines.number("a width")
+    lines.skip(5)
+    ratio = lines.number("the light output ratio") / 100.0
+    conversion = lines.number("the conversion factor") or 1.0
+    lines.skip(1)
+    sets = max(1, lines.count("the number of lamp sets", 0))
+    lines.skip(2)
+    lamp_flux = lines.number("the flux of the lamps")
+    lines.skip(3 + 6 * (sets - 1) + 10)
+    planes = lines.numbers(n_planes, "C angles")
+    gamma = lines.numbers(n_gamma, "gamma angles")
+    used = _planes(lines.name, symmetry, planes)
+    values = lines.numbers(len(used) * n_gamma, "intensities").reshape(-1, n_gamma)
+    lines.end()
+    if sets > 1:
+        warnings.warn(f"{path.name}: has {sets} sets of lamps; the first is used", stacklevel=3)
+    stated = lamp_flux * ratio
+    if not stated > 0:
+        raise SceneError(
+            f"{path.name}: lamps of {lamp_flux:g} lm and a light output ratio of {100 * ratio:g} % "
+            "make no light"
+        )
+    grid = IntensityGrid(
+        gamma_deg=gamma,
+        c_deg=used,
+        intensity=values.T * (conversion * lamp_flux / 1000.0),
+        unit="lm",
+        opening=_opening(length, width),
+        length_unit="mm",
+        name=path.name,
+    )
+    found = grid.flux
+    if abs(found - stated) > _DIFFERENCE * stated:
+        warnings.warn(
+            f"{path.name}: its header states {stated:.6g} lm, its intensities make {found:.6g} lm; "
+            "the header counts",
+            stacklevel=3,
+        )
+    return IntensityGrid(**{**vars(grid), "intensity": grid.intensity * (stated / found)})
+
+
+def _planes(name: str, symmetry: int, planes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Angles of the planes whose intensities are in the file, rising."""
+    n = len(planes)
+    if symmetry == 0:
+        return planes
+    if symmetry == 1:
+        return planes[:1]
+    if symmetry == 3:
+        # From C270 over C0 to C90
+        start = 3 * n // 4
+        used = np.concatenate([planes[start:] - 360.0, planes[: n // 2 + 1 - (n - start)]])
+        ends = (-90.0, 90.0)
+    elif symmetry == 2:
+        used, ends = planes[: n // 2 + 1], (0.0, 180.0)
+    elif symmetry == 4:
+        used, ends = planes[: n // 4 + 1], (0.0, 90.0)
+    else:
+        raise SceneError(f"{name}: line 3: symmetry {symmetry}; it is 0 to 4")
+    if not (len(used) > 1 and np.allclose(used[[0, -1]], ends)):
+        raise SceneError(
+            f"{name}: its {n} C planes do not fit symmetry {symmetry}: they would run from "
+            f"C{used[0] % 360:g} to C{used[-1] % 360:g}"
+        )
+    return np.asarray(used)
+
+
+def _opening(length: float, width: float) -> float | tuple[float, float] | None:
+    """Diameter, or size along C0 (the width) and C90 (the length)."""
+    if length <= 0:
+        return None
+    return length if width <= 0 else (width, length)
