@@ -113,29 +113,41 @@ class LensFace(Node):
         """Height above the vertex at distance ``r`` from the axis; nan beyond the surface."""
         return self._conic(np.zeros(3), np.array([0.0, 0.0, 1.0]), 1.0).sag(r)
 
-    def _conic(self, vertex: Array, axis: Array, side: float) -> Conic:
+    def _conic(self, vertex: Array, axis: Array, side: float, inner: float = 0.0) -> Conic:
         return Conic(
-            vertex, axis, self.curvature, self.conic, self.semi_diameter or 0.0, side, self.aspheric
+            vertex,
+            axis,
+            self.curvature,
+            self.conic,
+            self.semi_diameter or 0.0,
+            side,
+            self.aspheric,
+            inner,
         )
 
-    def shape(self, vertex: Array, axis: Array, outward: float) -> Shape:
-        """The face at a vertex; ``outward`` +1 where the body's outside lies along the axis."""
+    def shape(self, vertex: Array, axis: Array, outward: float, inner: float = 0.0) -> Shape:
+        """The face at a vertex; ``outward`` +1 where the body's outside lies along the axis.
+
+        ``inner`` is the radius of a hole through its middle.
+        """
         h = self.semi_diameter or 0.0
         if self.curvature == 0.0 and not any(self.aspheric):
-            return Annulus(vertex, outward * axis, 0.0, h)
+            return Annulus(vertex, outward * axis, inner, h)
         radius = abs(self.radius)
-        if self.conic == 0.0 and not any(self.aspheric) and radius < 1e4 * h:
+        plain = self.conic == 0.0 and not any(self.aspheric) and inner == 0.0
+        if plain and radius < 1e4 * h:
             bend = math.copysign(1.0, self.radius)
             sag = radius - math.sqrt(max(0.0, radius * radius - h * h))
             return SphereCap(vertex, bend * axis, radius, sag, -outward * bend)
-        return self._conic(vertex, axis, -outward)
+        return self._conic(vertex, axis, -outward, inner)
 
 
 class LensBody(Body):
     """A lens: front at the position, back ``thickness`` further along the axis, and a rim.
 
     Where the faces differ in diameter, a flat land (part of the rim) joins the smaller one to the
-    rim's cylinder. ``diameter`` makes the lens wider than its faces.
+    rim's cylinder. ``diameter`` makes the lens wider than its faces. ``hole`` is the diameter of a
+    bore along the axis; its wall is part of the rim.
     """
 
     kind: Literal["lens"]
@@ -145,6 +157,12 @@ class LensBody(Body):
     back: LensFace
     rim: str = "black"
     diameter: Positive | None = None
+    hole: Positive | None = None
+
+    @property
+    def hole_radius(self) -> float:
+        """Radius of the bore; 0 without one."""
+        return (self.hole or 0.0) / 2.0
 
     def outer_radius(self) -> float:
         """Radius of the rim."""
@@ -169,8 +187,13 @@ class LensBody(Body):
 
     def problems(self) -> list[str]:
         h = min(self.front.semi_diameter or 0.0, self.back.semi_diameter or 0.0)
+        inner = self.hole_radius
+        if inner >= h:
+            return [f"hole: its radius {inner:g} must be smaller than that of both faces, {h:g}"]
+        if inner and (any(self.front.aspheric) or any(self.back.aspheric)):
+            return ["hole: a face with aspheric coefficients cannot have one; drop either"]
         for k in range(65):
-            r = h * k / 64.0
+            r = inner + (h - inner) * k / 64.0
             if self.thickness + self.back.sag(r) - self.front.sag(r) < -1e-9:
                 return [
                     f"thickness: front and back overlap at {r:.4g} from the axis; make the lens "
@@ -189,12 +212,13 @@ class LensBody(Body):
         axis = frame[:, 2]
         low, high = self.edge_heights()
         outer = self.outer_radius()
+        inner = self.hole_radius
         plans = []
         if self.front.cemented is None:
             plans.append(
                 FacePlan(
                     name="front",
-                    shapes=(self.front.shape(origin, axis, -1.0),),
+                    shapes=(self.front.shape(origin, axis, -1.0, inner),),
                     surface=self.front.surface or self.surface,
                 )
             )
@@ -202,7 +226,7 @@ class LensBody(Body):
         plans.append(
             FacePlan(
                 name="back",
-                shapes=(self.back.shape(back_vertex, axis, 1.0),),
+                shapes=(self.back.shape(back_vertex, axis, 1.0, inner),),
                 surface=self.back.surface or self.surface,
             )
         )
@@ -216,6 +240,9 @@ class LensBody(Body):
         back_radius = self.back.semi_diameter or 0.0
         if back_radius < outer:
             rim.append(Annulus(origin + high * axis, axis, back_radius, outer))
+        if inner > 0.0:
+            start, end = self.front.sag(inner), self.thickness + self.back.sag(inner)
+            rim.append(Cylinder(origin, axis, inner, start, end, -1.0))
         if rim:
             plans.append(FacePlan(name="rim", shapes=tuple(rim), surface=self.rim, event=_RIM))
         return plans

@@ -12,7 +12,8 @@ POLYGON    origin 0-2, normal 3-5, first row of the pool 6, count of rows 7; a p
 SPHERE     vertex 0-2, axis from vertex to centre 3-5, radius 6, sag of the edge 7, side/radius 8
 CYLINDER   origin 0-2, axis 3-5, radius 6, from 7, to 8 (along the axis), side 9
 CONE       origin 0-2, axis 3-5, radius at the origin 6, slope 7, from 8, to 9, side 10
-CONIC      vertex 0-2, axis 3-5, curvature 6, 1 + conic constant 7, outer radius² 8, side 9
+CONIC      vertex 0-2, axis 3-5, curvature 6, 1 + conic constant 7, outer radius² 8, side 9,
+           inner radius² 10 (-1: no hole)
 ASPHERE    as CONIC, then coefficients of r^4, r^6 … r^14 in 10-15
 MESH       a named face of a triangle mesh: no row; Embree finds its triangles
 ========== ======================================================================================

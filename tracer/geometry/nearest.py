@@ -103,7 +103,7 @@ def _polygon(table: F64, f: int, pool: F64, r: F64, h: I64, row: Integer, m: int
 def _sphere(table: F64, f: int, r: F64, h: I64, row: Integer, m: int) -> None:
     s = table[f]
     vx, vy, vz, ax, ay, az, radius, sag = s[0], s[1], s[2], s[3], s[4], s[5], s[6], s[7]
-    b_in, b_out = 1 + row, 2 - row
+    b_in, b_out, leaving = 1 + row, 2 - row, f + len(table)
     for i in range(m):
         # Solve t² + 2 b t + c = 0 in coordinates of the vertex: nothing large cancels
         wx = r[0, i] - vx
@@ -123,7 +123,8 @@ def _sphere(table: F64, f: int, r: F64, h: I64, row: Integer, m: int) -> None:
         best = far if take_far else best
         take_near = (near > 0.0) & (near < best) & (w_a + near * d_a <= sag)
         r[DISTANCE + 1 - row, i] = near if take_near else best
-        h[b_out, i] = f if take_far | take_near else h[b_in, i]
+        old = leaving if take_far else h[b_in, i]
+        h[b_out, i] = f if take_near else old
 
 
 @inner_kernel
@@ -198,7 +199,7 @@ def _cone(table: F64, f: int, r: F64, h: I64, row: Integer, m: int) -> None:
 def _conic(table: F64, f: int, r: F64, h: I64, row: Integer, m: int) -> None:
     s = table[f]
     vx, vy, vz, ax, ay, az = s[0], s[1], s[2], s[3], s[4], s[5]
-    curvature, shape, outer = s[6], s[7], s[8]
+    curvature, shape, outer, inner = s[6], s[7], s[8], s[10]
     b_in, b_out = 1 + row, 2 - row
     for i in range(m):
         wx = r[0, i] - vx
@@ -222,12 +223,12 @@ def _conic(table: F64, f: int, r: F64, h: I64, row: Integer, m: int) -> None:
         height = w_a + t1 * d_a
         across = w_w + t1 * (2.0 * w_d + t1) - height * height
         sheet = curvature * shape * height < 1.0
-        take1 = (t1 > 0.0) & (t1 < best) & (across <= outer) & sheet
+        take1 = (t1 > 0.0) & (t1 < best) & (across <= outer) & (across >= inner) & sheet
         best = t1 if take1 else best
         height = w_a + t2 * d_a
         across = w_w + t2 * (2.0 * w_d + t2) - height * height
         sheet = curvature * shape * height < 1.0
-        take2 = (t2 > 0.0) & (t2 < best) & (across <= outer) & sheet
+        take2 = (t2 > 0.0) & (t2 < best) & (across <= outer) & (across >= inner) & sheet
         r[DISTANCE + 1 - row, i] = t2 if take2 else best
         h[b_out, i] = f if take1 | take2 else h[b_in, i]
 
@@ -244,7 +245,8 @@ def nearest_on_face(
     table : (n_faces, ROW) parameter rows of all faces
     pool : half-planes of polygons; None says that only the four common kinds occur
     r : (8, >= m) origin x, y, z, direction x, y, z, and two rows of distances
-    h : (3, >= m) face on which each ray starts (-1 none), and two rows of faces met
+    h : (3, >= m) face on which each ray starts (-1 none), and two rows of faces met; n_faces more
+        where the ray leaves a sphere through the face
     row : which of the two rows holds the nearest hit so far; the other one is written
     """
     if kind == SPHERE:

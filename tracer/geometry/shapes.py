@@ -352,7 +352,7 @@ class Conic:
     """Conic of revolution, or even asphere where ``aspheric`` has coefficients of r^4, r^6 ….
 
     Sag c r² / (1 + sqrt(1 - (1 + k) c² r²)) + Σ A_i r^(2i) along ``axis``; ``side`` +1 where the
-    outward normal points against the axis.
+    outward normal points against the axis. ``inner`` is the radius of a hole; an asphere has none.
     """
 
     vertex: Array
@@ -362,6 +362,7 @@ class Conic:
     semi_diameter: float
     side: float = 1.0
     aspheric: tuple[float, ...] = ()
+    inner: float = 0.0
 
     @property
     def kind(self) -> int:
@@ -372,6 +373,8 @@ class Conic:
         s[0:3], s[3:6] = self.vertex, self.axis
         s[6], s[7] = self.curvature, 1.0 + self.conic
         s[8], s[9] = self.semi_diameter**2, self.side
+        if self.kind == CONIC:
+            s[10] = self.inner**2 if self.inner > 0.0 else -1.0
         s[10 : 10 + len(self.aspheric)] = self.aspheric
         return s
 
@@ -401,5 +404,5 @@ class Conic:
         )
 
     def mesh(self) -> Mesh:
-        radii = np.linspace(0.0, self.semi_diameter, _RINGS + 1)
+        radii = np.linspace(self.inner, self.semi_diameter, _RINGS + 1)
         return _revolve(self.vertex, self.axis, [(float(r), self.sag(float(r))) for r in radii])

@@ -43,7 +43,10 @@ def check_lenses(bodies: dict[str, Body], origin: str) -> None:
             (first, name_1), (second, name_2) = (b, name_b), (a, name_a)
             shift = -shift
         reach = min(first.outer_radius(), second.outer_radius())
-        for r in np.linspace(0.0, reach, _STEPS + 1):
+        inside = max(first.hole_radius, second.hole_radius)
+        if reach <= inside:
+            continue
+        for r in np.linspace(inside, reach, _STEPS + 1):
             gap = shift + second.height_of_front(float(r)) - first.height_of_back(float(r))
             if gap < -1e-9:
                 raise SceneError(

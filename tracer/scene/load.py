@@ -37,7 +37,7 @@ def load_scene(path: str | Path, *, variants: Sequence[str] = ()) -> Scene:
 
     Parameters
     ----------
-    path : a TOML file
+    path : a TOML file, or a lens file (.zmx, .seq) that is a scene of its own
     variants : names of tables ``[variants.NAME]`` that are laid over the scene, in this order
 
     Raises
@@ -46,6 +46,12 @@ def load_scene(path: str | Path, *, variants: Sequence[str] = ()) -> Scene:
         with the file, the key, what is wrong and what to do
     """
     path = Path(path)
+    if path.suffix.lower() not in ("", ".toml"):
+        from tracer.importers.expand import SCENE_SUFFIXES, scene_text_of
+
+        if path.suffix.lower() in SCENE_SUFFIXES:
+            text = scene_text_of(path)
+            return parse_scene(text, variants=variants, origin=path.name, folder=path.parent)
     try:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
@@ -78,6 +84,7 @@ def parse_scene(
     tree["text"] = text
     tree["origin"] = origin
     tree["folder"] = str(folder)
+    _merge_files(tree, origin, Path(folder))
     for table, model in _NAMED.items():
         entries = _table(tree, table, origin)
         tree[table] = {
@@ -88,6 +95,18 @@ def parse_scene(
         name: _body(entry, name, origin) for name, entry in _table(tree, "bodies", origin).items()
     }
     return _validated(Scene, tree, "", origin)
+
+
+def _merge_files(tree: dict[str, Any], origin: str, folder: Path) -> None:
+    """Replace tables that name files of other programs by what these hold."""
+    entries = _table(tree, "lens_files", origin)
+    if entries:
+        from tracer.importers.expand import LensFileModel, merge_lens_file
+
+        for name, entry in entries.items():
+            model = _validated(LensFileModel, entry, f"lens_files.{name}", origin)
+            merge_lens_file(tree, name, model, folder, origin)
+    tree.pop("lens_files", None)
 
 
 def _overlaid(base: Any, over: Any) -> Any:

@@ -1,0 +1,284 @@
+"""The light that a prescription is made for: fields, chief rays, edges of the pupil.
+
+A *bundle* is the light of one field. Rays are aimed at the real stop, not at its paraxial image, so
+that oblique beams fill it as they do in the lens that is built.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from raymap.errors import SceneError
+from tracer.importers.prescription import FieldPoint
+from tracer.importers.sequence import Sequence, ThroughRays
+
+__all__ = ["Bundles", "FieldOrigin"]
+
+Array = NDArray[np.float64]
+
+EDGE_RAYS = 24
+_STEPS = 40
+
+
+@dataclass(frozen=True, kw_only=True)
+class FieldOrigin:
+    """Where the light of a field comes from, in object space.
+
+    ``slope`` (dx/dz, dy/dz) of its parallel rays for an object at infinity, else the ``height``
+    (x, y) of its point on the object.
+    """
+
+    slope: tuple[float, float] | None = None
+    height: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Bundles:
+    """Rays of the fields of a sequence, in the unit of the file."""
+
+    sequence: Sequence
+
+    def fail(self, message: str) -> SceneError:
+        return SceneError(f"{self.sequence.prescription.origin}: {message}")
+
+    @property
+    def primary(self) -> int:
+        """Index of the wavelength that pupils and chief rays are for."""
+        return self.sequence.prescription.primary
+
+    # -- the axis --------------------------------------------------------------------------------
+
+    @cached_property
+    def marginal(self) -> tuple[float, float]:
+        """Height on the tangent plane of surface 1 and slope of the ray at the edge of the axial
+        beam; of the real ray, where the aperture is an angle."""
+        sequence, aperture = self.sequence, self.sequence.prescription.aperture
+        distance = -sequence.z[0]
+        if aperture.kind == "stop":
+            stop = sequence.surfaces[sequence.prescription.stop]
+            if stop.semi_diameter is None:
+                raise self.fail(
+                    "the aperture is that of the stop, but the stop has no semi-diameter; give "
+                    "it one in the design program"
+                )
+            aimed = self.aim(self.axis, [[0.0, stop.semi_diameter]])
+            height = float(aimed[0, 1])
+            return height, height / distance if sequence.finite else 0.0
+        value = aperture.value
+        if value <= 0.0:
+            raise self.fail(f"the aperture ({aperture.kind}) is {value:g}; it must be positive")
+        if aperture.kind == "object_na":
+            if not sequence.finite:
+                raise self.fail("the aperture is a numerical aperture of an object at infinity")
+            slope = math.tan(math.asin(min(value / sequence.indices[0, self.primary], 0.999999)))
+            return slope * distance, slope
+        if aperture.kind == "entrance_diameter":
+            height = value / 2.0
+            if sequence.finite:
+                # The edge of the entrance pupil, seen from the object
+                slope = height / (distance + self.entrance_pupil)
+                return slope * distance, slope
+            return height, 0.0
+        if sequence.finite:
+            _, optical = sequence.paraxial(distance, 1.0, self.primary)
+            slope = abs(0.5 / value / optical[-2]) if optical[-2] else 0.0
+            return slope * distance, slope
+        focal = abs(sequence.focal_length(self.primary))
+        if not math.isfinite(focal):
+            raise self.fail("the aperture is an f-number, but the lens has no power")
+        return focal / value / 2.0, 0.0
+
+    @cached_property
+    def entrance_pupil(self) -> float:
+        """Place of the paraxial entrance pupil behind surface 1; inf where there is none."""
+        a, b = self.sequence.stop_matrix(self.primary)
+        # The ray through the centre of the stop crosses the axis there: y + z u = 0, A y + B u = 0
+        return b / a if a != 0.0 else math.inf
+
+    @cached_property
+    def stop_radius(self) -> float:
+        """Radius of the stop: as given, or where the marginal ray of the axis passes it."""
+        sequence = self.sequence
+        number = sequence.prescription.stop
+        stop = sequence.surfaces[number]
+        if stop.semi_diameter and (not stop.automatic or sequence.prescription.telecentric):
+            return stop.semi_diameter
+        if sequence.prescription.aperture.kind == "stop":
+            return stop.semi_diameter or 0.0
+        rays = self.trace(self.axis, [[0.0, self.marginal[0]]])
+        radius = float(np.hypot(*rays.points[number, 0, :2]))
+        if not math.isfinite(radius):
+            raise self.fail("the marginal ray of the axis does not reach the stop")
+        return radius
+
+    @property
+    def axis(self) -> FieldOrigin:
+        """The field on the axis."""
+        zero = (0.0, 0.0)
+        return FieldOrigin(height=zero) if self.sequence.finite else FieldOrigin(slope=zero)
+
+    # -- rays of a field -------------------------------------------------------------------------
+
+    def launch(self, origin: FieldOrigin, places: ArrayLike) -> tuple[Array, Array]:
+        """Rays of a field through ``places`` (n, 2) of the tangent plane of surface 1.
+
+        Returns origins (the object's point, or the places) and unit directions, (n, 3) each.
+        """
+        flat = np.asarray(places, float).reshape(-1, 2)
+        on_plane = np.column_stack([flat, np.zeros(len(flat))])
+        if origin.slope is not None:
+            d = np.array([*origin.slope, 1.0])
+            d /= np.linalg.norm(d)
+            return on_plane, np.tile(d, (len(flat), 1))
+        point = np.array([*(origin.height or (0.0, 0.0)), self.sequence.z[0]])
+        d = on_plane - point
+        return np.tile(point, (len(flat), 1)), d / np.linalg.norm(d, axis=1)[:, None]
+
+    def trace(
+        self, origin: FieldOrigin, places: ArrayLike, channel: int | None = None
+    ) -> ThroughRays:
+        """Launch rays of a field and take them through the sequence."""
+        p, d = self.launch(origin, places)
+        return self.sequence.trace(p, d, self.primary if channel is None else channel)
+
+    def aim(self, origin: FieldOrigin, targets: ArrayLike) -> Array:
+        """(n, 2) places on the tangent plane of surface 1 from where rays of a field reach
+        ``targets`` (n, 2) on the stop; nan where none was found."""
+        goal = np.asarray(targets, float).reshape(-1, 2)
+        number = self.sequence.prescription.stop
+        a, b = self.sequence.stop_matrix(self.primary)
+        if origin.slope is not None:
+            start = (goal - b * np.array(origin.slope)) / a
+        else:
+            distance, height = -self.sequence.z[0], np.array(origin.height)
+            start = (goal + b * height / distance) / (a + b / distance)
+        # Come from the axis in steps: a start far from the truth may miss a surface
+        scale = float(np.max(np.abs(start))) + 1e-9
+        places = start
+        for _ in range(_STEPS):
+            miss = self.trace(origin, places).points[number, :, :2] - goal
+            step = 1e-7 * scale
+            dx = (
+                self.trace(origin, places + np.array([step, 0.0])).points[number, :, :2]
+                - goal
+                - miss
+            )
+            dy = (
+                self.trace(origin, places + np.array([0.0, step])).points[number, :, :2]
+                - goal
+                - miss
+            )
+            jacobian = np.stack([dx, dy], axis=2) / step
+            lost = ~np.isfinite(miss).all(axis=1) | ~np.isfinite(jacobian).all(axis=(1, 2))
+            lost |= np.abs(np.linalg.det(np.where(lost[:, None, None], 1.0, jacobian))) < 1e-30
+            jacobian[lost] = np.eye(2)
+            change = -np.linalg.solve(jacobian, np.where(lost[:, None], 0.0, miss)[:, :, None])
+            change = np.where(lost[:, None], -0.1 * places, change[:, :, 0])
+            places = places + np.clip(change, -scale, scale)
+            if not np.any(np.abs(change) > 1e-14 * scale):
+                break
+        miss = self.trace(origin, places).points[number, :, :2] - goal
+        good = np.linalg.norm(miss, axis=1) < 1e-8 * (1.0 + np.abs(goal).max())
+        return np.asarray(np.where(good[:, None], places, np.nan))
+
+    def chief(self, origin: FieldOrigin) -> Array:
+        """(2,) where the chief ray of a field crosses the tangent plane of surface 1."""
+        if self.sequence.prescription.telecentric and origin.height is not None:
+            return np.array(origin.height)
+        return np.asarray(self.aim(origin, [[0.0, 0.0]])[0])
+
+    def edge(self, origin: FieldOrigin, field: FieldPoint | None = None) -> Array:
+        """(n, 2) where rays at the edge of the pupil cross the tangent plane of surface 1.
+
+        With ``field`` its vignetting narrows the pupil.
+        """
+        angles = np.linspace(0.0, 2.0 * math.pi, EDGE_RAYS, endpoint=False)
+        rim = np.column_stack([np.cos(angles), np.sin(angles)])
+        if field is not None:
+            right, left, up, down = (1.0 - share for share in field.vignetting)
+            rim[:, 0] *= np.where(rim[:, 0] > 0.0, right, left)
+            rim[:, 1] *= np.where(rim[:, 1] > 0.0, up, down)
+        if self.sequence.prescription.telecentric and origin.height is not None:
+            return np.array(origin.height) + abs(self.marginal[1] * self.sequence.z[0]) * rim
+        a, b = self.sequence.stop_matrix(self.primary)
+        turned = math.copysign(1.0, a - b / self.sequence.z[0] if self.sequence.finite else a)
+        return self.aim(origin, turned * self.stop_radius * rim)
+
+    # -- fields ----------------------------------------------------------------------------------
+
+    @cached_property
+    def origins(self) -> tuple[FieldOrigin, ...]:
+        """Where the light of each field of the file comes from."""
+        return tuple(self._origin(field) for field in self.sequence.prescription.fields)
+
+    def _origin(self, field: FieldPoint) -> FieldOrigin:
+        sequence = self.sequence
+        kind = sequence.prescription.field_kind
+        if field.x == 0.0 and field.y == 0.0:
+            return self.axis
+        if kind == "angle":
+            slope = (math.tan(math.radians(field.x)), math.tan(math.radians(field.y)))
+            if not sequence.finite:
+                return FieldOrigin(slope=slope)
+            reach = self.entrance_pupil - sequence.z[0]
+            return FieldOrigin(height=(-slope[0] * reach, -slope[1] * reach))
+        if kind == "object_height":
+            if not sequence.finite:
+                raise self.fail("fields are heights of an object at infinity; use angles")
+            return FieldOrigin(height=(field.x, field.y))
+        size = math.hypot(field.x, field.y)
+        wanted = size
+        for _ in range(1 if kind == "paraxial_image_height" else 30):
+            scale = wanted / self._paraxial_image_of_one
+            value = (scale * field.x / size, scale * field.y / size)
+            origin = FieldOrigin(height=value) if sequence.finite else FieldOrigin(slope=value)
+            if kind == "paraxial_image_height":
+                break
+            # Scale the paraxial field until the real chief ray arrives where it should
+            end = self.trace(origin, self.chief(origin)).points[-1, 0]
+            reached = (end[0] * field.x + end[1] * field.y) / size
+            if not math.isfinite(reached) or reached == 0.0:
+                raise self.fail(f"no chief ray reaches the image height {size:g}")
+            if abs(reached - size) < 1e-13 * size:
+                break
+            wanted *= size / reached
+        return origin
+
+    @cached_property
+    def _paraxial_image_of_one(self) -> float:
+        """Paraxial image height of a field of slope 1, or of an object of height 1."""
+        sequence, channel = self.sequence, self.primary
+        a, b = sequence.stop_matrix(channel)
+        last = len(sequence.surfaces) - 2
+        if sequence.finite:
+            distance = -sequence.z[0]
+            slope = 0.0 if sequence.prescription.telecentric else -a / (a * distance + b)
+            chief = sequence.paraxial(1.0 + slope * distance, slope, channel, last=last)
+            axial = sequence.paraxial(distance, 1.0, channel, last=last)
+        else:
+            chief = sequence.paraxial(-b / a, 1.0, channel, last=last)
+            axial = sequence.paraxial(1.0, 0.0, channel, last=last)
+        if axial[1][last] == 0.0:
+            raise self.fail("fields are image heights, but the lens has no power")
+        return float(chief[0][last] - chief[1][last] * axial[0][last] / axial[1][last])
+
+    # -- what the light needs --------------------------------------------------------------------
+
+    @cached_property
+    def reach(self) -> Array:
+        """(n_surfaces,) largest distance from the axis of the light of all fields."""
+        reach = np.zeros(len(self.sequence.surfaces))
+        for origin, field in zip(self.origins, self.sequence.prescription.fields, strict=True):
+            edge = self.edge(origin, field)
+            for channel in range(len(self.sequence.prescription.wavelengths_nm)):
+                points = self.trace(origin, edge, channel).points
+                across = np.hypot(points[:, :, 0], points[:, :, 1])
+                reach = np.fmax(
+                    reach, np.nanmax(np.where(np.isfinite(across), across, 0.0), axis=1)
+                )
+        return reach

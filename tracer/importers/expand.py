@@ -1,0 +1,76 @@
+"""Scenes that name files of other programs, and such files opened as scenes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from raymap.errors import SceneError
+from tracer.importers.lens_scene import LENS_SUFFIXES, import_lens
+from tracer.importers.toml_text import toml_text
+from tracer.scene.fields import Placed
+
+__all__ = ["SCENE_SUFFIXES", "LensFileModel", "merge_lens_file", "scene_text_of"]
+
+SCENE_SUFFIXES = tuple(LENS_SUFFIXES)
+"""Suffixes of files that are scenes on their own."""
+
+
+class LensFileModel(Placed):
+    """``[lens_files.NAME]``: the bodies of a lens file, under names that start with ``NAME.``.
+
+    ``glasses`` says what names of the file mean (a glass, or a medium of the scene); with
+    ``sources`` and ``image`` the light of its fields and a detector at its image come along.
+    """
+
+    file: str
+    glasses: dict[str, str] = {}
+    sources: bool = False
+    image: bool = False
+
+
+def scene_text_of(path: Path) -> str:
+    """A lens file as the text of a scene.
+
+    Raises
+    ------
+    SceneError
+        what is wrong with the file, and what to do
+    """
+    return toml_text(import_lens(path).scene_tables())
+
+
+def merge_lens_file(
+    tree: dict[str, Any], name: str, model: LensFileModel, folder: Path, origin: str
+) -> None:
+    """Add what a lens file brings to the tables of a scene.
+
+    Raises
+    ------
+    SceneError
+        where the file cannot be taken, or a name stands twice
+    """
+    lens = import_lens(
+        folder / model.file,
+        glasses=model.glasses,
+        media=tree.get("media", {}),
+        length_unit=tree.get("length_unit", "mm"),
+        prefix=f"{name}.",
+        placed=model,
+    )
+    tree["media"] = lens.media() | tree.get("media", {})
+    tree["surfaces"] = lens.surfaces() | tree.get("surfaces", {})
+    parts = {"bodies": lens.bodies()}
+    if model.sources:
+        parts["sources"] = lens.sources()
+    if model.image:
+        parts["detectors"] = {f"{name}.image": lens.detector()}
+    for table, entries in parts.items():
+        present = tree.setdefault(table, {})
+        for key, entry in entries.items():
+            if key in present:
+                raise SceneError(
+                    f"{origin}: {table}.{key}: stands in the scene and comes from {model.file} "
+                    "too; rename one of them"
+                )
+            present[key] = entry

@@ -1,0 +1,337 @@
+"""Lens files as tables of a scene: bodies, media, sources for the fields, a detector at the image.
+
+``raymap check lens.zmx`` opens such a file as a scene of its own; ``[lens_files.NAME]`` puts its
+bodies into another scene, under names that start with ``NAME.``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raymap.errors import SceneError
+from tracer.importers.bundles import Bundles, FieldOrigin
+from tracer.importers.codev import read_codev
+from tracer.importers.elements import Disc, Elements, build_elements
+from tracer.importers.lens_glass import medium_of_glass
+from tracer.importers.parts import Part, PartFace
+from tracer.importers.prescription import GlassName, Prescription
+from tracer.importers.sequence import Sequence
+from tracer.importers.zemax import read_zemax
+from tracer.scene.fields import Placed
+from tracer.scene.media import refractive_index
+from tracer.scene.model import MediumModel
+
+__all__ = ["LENS_SUFFIXES", "ImportedLens", "import_lens", "read_prescription"]
+
+Array = NDArray[np.float64]
+
+LENS_SUFFIXES = {".zmx": read_zemax, ".seq": read_codev}
+"""Readers of lens files by suffix."""
+
+_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4, "um": 1e-3}
+IMAGE_CELLS = 256
+BLACK = "black"
+SUBSTRATE = "substrate"
+
+
+def read_prescription(path: str | Path) -> Prescription:
+    """The lens of a file, by its suffix.
+
+    Raises
+    ------
+    SceneError
+        for an unknown suffix, or a file that its reader refuses
+    """
+    path = Path(path)
+    reader = LENS_SUFFIXES.get(path.suffix.lower())
+    if reader is None:
+        known = ", ".join(LENS_SUFFIXES)
+        raise SceneError(f"{path.name}: no lens file ({known} are understood)")
+    return reader(path)
+
+
+def import_lens(
+    path: str | Path,
+    *,
+    glasses: Mapping[str, str] | None = None,
+    media: Mapping[str, Any] | None = None,
+    length_unit: str | None = None,
+    prefix: str = "",
+    placed: Placed | None = None,
+) -> ImportedLens:
+    """A lens file, ready to be written into a scene.
+
+    Parameters
+    ----------
+    glasses : what names of the file mean, where its catalogues are not enough
+    media : tables of the media of the scene, by name
+    length_unit : of the scene; that of the file by default
+    prefix : put before the name of every body, source and detector
+    placed : where the first vertex stands, and how the axis lies
+
+    Raises
+    ------
+    SceneError
+        naming the surface and what to do
+    """
+    prescription = read_prescription(path)
+    return ImportedLens(
+        prescription=prescription,
+        given=dict(glasses or {}),
+        known=dict(media or {}),
+        unit=length_unit or prescription.unit,
+        prefix=prefix,
+        placed=placed or Placed(),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ImportedLens:
+    """A prescription, its rays, its parts, and the tables that they become."""
+
+    prescription: Prescription
+    given: dict[str, str]
+    known: dict[str, Any]
+    unit: str
+    prefix: str
+    placed: Placed
+
+    # -- glasses and rays ------------------------------------------------------------------------
+
+    @cached_property
+    def _glass(self) -> dict[GlassName, tuple[str, dict[str, Any]]]:
+        found: dict[GlassName, tuple[str, dict[str, Any]]] = {}
+        for surface in self.prescription.surfaces:
+            if surface.glass is not None and surface.glass not in found:
+                found[surface.glass] = medium_of_glass(
+                    surface.glass,
+                    makers=self.prescription.catalogues,
+                    given=dict.fromkeys(self.known, "") | self.given,
+                    place=f"{self.prescription.origin}: surface {surface.number}",
+                )
+        return found
+
+    @cached_property
+    def sequence(self) -> Sequence:
+        """The surfaces with the indices of their glasses."""
+        wavelengths = np.array(self.prescription.wavelengths_nm)
+        rows = []
+        current = np.ones(len(wavelengths))
+        for surface in self.prescription.surfaces:
+            if surface.glass is not None:
+                name, table = self._glass[surface.glass]
+                if name not in self.known and not table:
+                    raise SceneError(
+                        f"{self.prescription.origin}: glass {surface.glass.name!r} is said to be "
+                        f"{name!r}, but no catalogue has it and the scene has no such medium"
+                    )
+                model = MediumModel.model_validate(table or self.known[name])
+                current = refractive_index(model, wavelengths, self.prescription.origin)
+            elif not surface.mirror:
+                current = np.ones(len(wavelengths))
+            rows.append(current)
+        return Sequence(prescription=self.prescription, indices=np.array(rows))
+
+    @cached_property
+    def bundles(self) -> Bundles:
+        """The light of its fields."""
+        return Bundles(sequence=self.sequence)
+
+    @cached_property
+    def elements(self) -> Elements:
+        """Its parts."""
+        return build_elements(self.bundles)
+
+    # -- placing ---------------------------------------------------------------------------------
+
+    @property
+    def scale(self) -> float:
+        """Scene units in a unit of the file."""
+        return _MM[self.prescription.unit] / _MM[self.unit]
+
+    def _point(self, x: float, y: float, z: float) -> list[float]:
+        origin, frame = self.placed.frame()
+        return [float(c) for c in origin + frame @ (self.scale * np.array([x, y, z]))]
+
+    def _direction(self, d: Any) -> list[float]:
+        _, frame = self.placed.frame()
+        return [float(c) for c in frame @ np.asarray(d, float)]
+
+    def _turn(self) -> dict[str, Any]:
+        if self.placed.rotation is not None:
+            return {"rotation": list(self.placed.rotation)}
+        return {"axis": list(self.placed.axis)} if self.placed.axis is not None else {}
+
+    # -- tables ----------------------------------------------------------------------------------
+
+    def media(self) -> dict[str, Any]:
+        """Tables of the media."""
+        tables = {
+            name: table for name, table in self._glass.values() if table and name not in self.known
+        }
+        if any(part.kind == "mirror" for part in self.elements.parts):
+            tables[SUBSTRATE] = {"index": 1.5}
+        return tables
+
+    def surfaces(self) -> dict[str, Any]:
+        """Tables of the surfaces that the bodies name."""
+        tables: dict[str, Any] = {BLACK: {"kind": "absorber"}}
+        if any(surface.mirror for surface in self.prescription.surfaces):
+            tables["mirror"] = {"kind": "mirror", "reflectance": 1.0}
+        return tables
+
+    def bodies(self) -> dict[str, Any]:
+        """Tables of the bodies, in the order in which light first meets them."""
+        tables = {}
+        cemented = {id(part.high): part.name for part in self.elements.parts}
+        for part in sorted(self.elements.parts, key=lambda part: part.low.z):
+            tables[self.prefix + part.name] = self._lens(part, cemented.get(id(part.low)))
+        for disc in self.elements.discs:
+            tables[self.prefix + disc.name] = self._ring(disc)
+        return tables
+
+    def _lens(self, part: Part, before: str | None) -> dict[str, Any]:
+        table: dict[str, Any] = {
+            "kind": "lens",
+            "position": self._point(0.0, 0.0, part.low.z),
+            **self._turn(),
+            "medium": self._glass[part.glass][0] if part.glass else SUBSTRATE,
+            "thickness": self.scale * (part.high.z - part.low.z),
+            "front": {"cemented": self.prefix + before} if before else self._face(part.low),
+            "back": self._face(part.high),
+            "rim": BLACK,
+        }
+        if part.outer > max(part.low.semi_diameter, part.high.semi_diameter):
+            table["diameter"] = 2.0 * self.scale * part.outer
+        if part.hole:
+            table["hole"] = 2.0 * self.scale * part.hole
+        return table
+
+    def _face(self, face: PartFace) -> dict[str, Any]:
+        table: dict[str, Any] = {
+            "radius": self.scale / face.curvature if face.curvature else math.inf,
+            "semi_diameter": self.scale * face.semi_diameter,
+        }
+        if face.conic:
+            table["conic"] = face.conic
+        if any(face.aspheric):
+            table["aspheric"] = [a / self.scale ** (3 + 2 * k) for k, a in enumerate(face.aspheric)]
+        if face.mirror or face.black:
+            table["surface"] = "mirror" if face.mirror else BLACK
+        return table
+
+    def _ring(self, disc: Disc) -> dict[str, Any]:
+        table = {
+            "kind": "ring" if disc.inner else "disc",
+            "position": self._point(0.0, 0.0, disc.z),
+            **self._turn(),
+            "inner": self.scale * disc.inner,
+            "outer": self.scale * disc.outer,
+            "surface": BLACK,
+        }
+        return table | ({"stop": True} if disc.stop else {})
+
+    def sources(self) -> dict[str, Any]:
+        """A source that fills the pupil on the axis, and one for each other field."""
+        tables = {self.prefix + "axis": self._source(self.bundles.axis, 1.0)}
+        fields = self.prescription.fields
+        for number, (field, origin) in enumerate(zip(fields, self.bundles.origins, strict=True)):
+            if origin != self.bundles.axis:
+                name = f"{self.prefix}field_{number + 1}"
+                tables[name] = self._source(origin, field.weight or 1.0)
+        return tables
+
+    def _source(self, origin: FieldOrigin, weight: float) -> dict[str, Any]:
+        chief = self.bundles.chief(origin)
+        on_axis = origin == self.bundles.axis
+        edge = self.bundles.edge(origin)
+        edge = edge[np.isfinite(edge).all(axis=1)]
+        if not np.isfinite(chief).all() or not len(edge):
+            raise SceneError(
+                f"{self.prescription.origin}: no light of the field {origin} gets through the stop"
+            )
+        points, along = self.bundles.launch(origin, np.vstack([chief, edge]))
+        table: dict[str, Any] = {"flux": weight, **self._spectrum()}
+        if origin.height is not None:
+            cosines = along[1:] @ along[0]
+            angle = math.degrees(math.acos(float(np.clip(cosines.min(), -1.0, 1.0))))
+            return {
+                "kind": "point",
+                "position": self._point(*points[0]),
+                "axis": self._direction(along[0]),
+                "cone_deg": angle,
+                **table,
+            }
+        d = along[0]
+        across = points[1:] - points[0]
+        across = across - (across @ d)[:, None] * d
+        radius = float(np.linalg.norm(across, axis=1).max()) * (1.0 if on_axis else 1.001)
+        if on_axis:
+            radius = self.bundles.marginal[0]
+        lowest = min([part.lowest for part in self.elements.parts] + [0.0])
+        tilt = math.sqrt(max(0.0, 1.0 - d[2] ** 2))
+        distance = (-lowest + radius * tilt + 0.05 * radius) / d[2]
+        return {
+            "kind": "collimated",
+            "diameter": 2.0 * self.scale * radius,
+            "direction": self._direction(d),
+            "aim": self._point(*points[0]),
+            "distance": float(self.scale * distance),
+            **table,
+        }
+
+    def spectrum(self) -> dict[str, Any]:
+        """The wavelengths of the design, rising."""
+        return {
+            "kind": "spectral",
+            "wavelengths_nm": sorted(set(self.prescription.wavelengths_nm)),
+        }
+
+    def _spectrum(self) -> dict[str, Any]:
+        weights: dict[float, float] = {}
+        for wavelength, weight in zip(
+            self.prescription.wavelengths_nm, self.prescription.weights, strict=True
+        ):
+            weights[wavelength] = weights.get(wavelength, 0.0) + max(weight, 0.0)
+        values = [weights[wavelength] for wavelength in sorted(weights)]
+        if len(set(values)) == 1 or sum(values) == 0.0:
+            return {}
+        return {"spectrum": {"wavelength_nm": sorted(weights), "value": values}}
+
+    def detector(self) -> dict[str, Any]:
+        """Table of a detector that catches the image."""
+        image = len(self.prescription.surfaces) - 1
+        sign = (-1) ** sum(surface.mirror for surface in self.prescription.surfaces)
+        waves = 40e-6 / _MM[self.prescription.unit] * max(self.prescription.wavelengths_nm)
+        half = max(1.2 * float(self.bundles.reach[image]), waves)
+        given = self.prescription.surfaces[image].semi_diameter
+        half = self.scale * max(half, 1.2 * given if given else 0.0)
+        return {
+            "position": self._point(0.0, 0.0, float(self.sequence.z[image])),
+            "looks": self._direction([0.0, 0.0, -sign]),
+            "up": self._direction([0.0, 1.0, 0.0]),
+            "size": [2.0 * half, 2.0 * half],
+            "cells": [IMAGE_CELLS, IMAGE_CELLS],
+            "blocking": True,
+        }
+
+    def scene_tables(self) -> dict[str, Any]:
+        """A whole scene: the lens in the light of its fields, and a detector at its image."""
+        return {
+            "title": self.prescription.title or self.prescription.origin,
+            "length_unit": self.unit,
+            "spectrum": self.spectrum(),
+            "media": self.media(),
+            "surfaces": self.surfaces(),
+            "bodies": self.bodies(),
+            "sources": self.sources(),
+            "detectors": {self.prefix + "image": self.detector()},
+        }
