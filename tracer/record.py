@@ -216,7 +216,9 @@ class _Run:
         self.threads = threads
         self.progress = progress
         self.seed = self._seed(seed)
-        self.engine = Wavefront(compilation.arrays, self.seed, meshes=compilation.solids)
+        self.engine = Wavefront(
+            compilation.arrays, self.seed, meshes=compilation.solids, weighted=True
+        )
         self.tally = Tally(compilation.directory, compilation.channel_set)
         self.implied_normals = all(
             face.primitive_count == 1 and face.quadrics and face.quadrics[0] is not None
@@ -226,7 +228,8 @@ class _Run:
         self.channel_set = writer.add_channel_set(compilation.channel_set) if writer else 0
         fitting = self._fitting_rays()
         self.portion_rays = portion_rays or fitting
-        self.first_ray = writer.next_ray if writer else 0
+        # Where rays split, emission e has the ray numbers from e times fan on
+        self.first_ray = -(-writer.next_ray // self.engine.fan) if writer else 0
         self.bytes_before = writer.bytes_written if writer else 0
 
     def _seed(self, seed: int | None) -> int:
@@ -238,12 +241,13 @@ class _Run:
 
     def _fitting_rays(self) -> int:
         """Rays whose records surely fit a portion, judged by a few rays traced for it."""
-        pilot = self.engine.trace(0, _PILOT_RAYS, reuse=True)
+        rays = max(64, _PILOT_RAYS // self.engine.fan)
+        pilot = self.engine.trace(0, rays, reuse=True)
         if self.writer:
             # Compile what encodes portions before the clock starts
-            self.writer.encode(self._traced(0, _PILOT_RAYS), 0)
-        fitting = 0.8 * PORTION_RECORDS * pilot.n_rays / pilot.n_records
-        return max(64, min(PORTION_RAYS, 1 << int(np.log2(fitting))))
+            self.writer.encode(self._traced(0, rays), 0)
+        fitting = 0.8 * PORTION_RECORDS * rays / pilot.n_records
+        return max(1 if self.engine.splits else 64, min(PORTION_RAYS, 1 << int(np.log2(fitting))))
 
     def go(self, executor: Executor | None) -> RecordResult:
         if self.writer:
@@ -400,16 +404,20 @@ class _Run:
 
 
 def split_portion(portion: Portion) -> list[Portion]:
-    """Cut a portion where it would pass the limit of records; one ray is never cut."""
+    """Cut a portion where it would pass the limit of records; one emission is never cut."""
     offsets = np.concatenate(([0], np.cumsum(portion.records_per_ray)))
     meetings = np.concatenate(([0], np.cumsum(portion.descriptor_count, dtype=np.int64)))
+    cuts = np.arange(portion.n_rays + 1)
+    if portion.emission is not None:
+        begins = np.diff(portion.emission, prepend=portion.emission[0] - 1) != 0
+        cuts = np.append(np.flatnonzero(begins), portion.n_rays)
     pieces = []
-    start = 0
-    while start < portion.n_rays:
-        limit = offsets[start] + PORTION_RECORDS
-        stop = max(start + 1, int(np.searchsorted(offsets, limit, side="right")) - 1)
-        pieces.append(_piece(portion, offsets, meetings, start, stop))
-        start = stop
+    at = 0
+    while at < len(cuts) - 1:
+        limit = offsets[cuts[at]] + PORTION_RECORDS
+        end = max(at + 1, int(np.searchsorted(offsets[cuts], limit, side="right")) - 1)
+        pieces.append(_piece(portion, offsets, meetings, int(cuts[at]), int(cuts[end])))
+        at = end
     return pieces
 
 
@@ -419,10 +427,19 @@ def _piece(portion: Portion, offsets: Any, meetings: Any, start: int, stop: int)
     found = slice(int(meetings[records.start]), int(meetings[records.stop]))
     d = portion.descriptors
     source = portion.source[start:stop]
+    rays = {
+        name: getattr(portion, name)[start:stop]
+        for name in ("weight", "emission", "ray_ids")
+        if getattr(portion, name) is not None
+    }
+    emitters = source
+    if portion.emission is not None:
+        emitters = source[np.unique(rays["emission"], return_index=True)[1]]
     return replace(
         portion,
-        emitted=np.bincount(source, minlength=len(portion.emitted)).astype(np.int64),
+        emitted=np.bincount(emitters, minlength=len(portion.emitted)).astype(np.int64),
         source=source,
+        **rays,
         records_per_ray=portion.records_per_ray[start:stop],
         **{
             name: getattr(portion, name)[records]
