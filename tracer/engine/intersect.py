@@ -17,7 +17,7 @@ from tracer.engine.buffers import BUNDLE, HIT, KEY, ORDER, T
 from tracer.engine.buffers import OWN as LIVE_OWN
 from tracer.geometry.kinds import F64, I64, Integer
 from tracer.geometry.nearest import DISTANCE, OWN, nearest_on_face
-from tracer.scene.arrays import F_KIND
+from tracer.scene.arrays import F_KIND, I32, CompiledScene
 
 __all__ = ["nearest_hits"]
 
@@ -41,10 +41,12 @@ def sort_by_departure(live_i: I64, n: int, bins: I64) -> None:
 
 @inner_kernel
 def nearest_hits(
-    face_i: I64, face_f: F64, pool: F64 | None, first: I64, face: I64, distance: F64, live_f: F64,
-    live_i: I64, n: int, bundle_f: F64, bundle_i: I64, bins: I64,
-) -> None:  # fmt: skip
+    scene: CompiledScene, live_f: F64, live_i: I64, n: int, bundle_f: F64, bundle_i: I64, bins: I64
+) -> None:
     """Set distance and face met next of ``n`` rays (inf and -1 where nothing is met)."""
+    face_i, face_f, pool = scene.face_i, scene.face_f, scene.pool
+    first, face, distance = scene.first, scene.face, scene.distance
+    settle, settles, n_faces = scene.settle, scene.settles, len(scene.face_i)
     sort_by_departure(live_i, n, bins)
     start = 0
     for key in range(len(bins) - 1):
@@ -55,23 +57,31 @@ def nearest_hits(
             start += m
             # Go down the list of candidates
             row = np.int64(0)
-            settled = 0.0
+            reached = 0.0
             for c in range(first[key], first[key + 1]):
                 bound = distance[c]
-                if bound > settled:
-                    settled = bound
+                if bound > reached:
+                    reached = bound
                     waiting = _count_beyond(bundle_f, row, bound, m)
                     if waiting == 0:
                         break
                     if 4 * waiting <= m:
-                        m = _keep_beyond(live_f, live_i, bundle_f, bundle_i, row, bound, m)
+                        m = _keep_beyond(live_f, live_i, bundle_f, bundle_i, row, bound, n_faces, m)
                 f = face[c]
                 nearest_on_face(face_i[f, F_KIND], face_f, f, pool, bundle_f, bundle_i, row, m)
                 row = 1 - row
+                if settles[c] != 0:
+                    m = _keep_unsettled(
+                        live_f, live_i, bundle_f, bundle_i, row, settle, key, c - first[key],
+                        n_faces, m,
+                    )  # fmt: skip
+                    if m == 0:
+                        break
             for j in range(m):
                 i = bundle_i[_SLOT, j]
                 live_f[T, i] = bundle_f[DISTANCE + row, j]
-                live_i[HIT, i] = bundle_i[1 + row, j]
+                code = bundle_i[1 + row, j]
+                live_i[HIT, i] = code if code < n_faces else code - n_faces
 
 
 @inner_kernel
@@ -100,8 +110,9 @@ def _count_beyond(bundle_f: F64, row: Integer, bound: float, m: int) -> int:
 
 @inner_kernel
 def _keep_beyond(
-    live_f: F64, live_i: I64, bundle_f: F64, bundle_i: I64, row: Integer, bound: float, m: int
-) -> int:
+    live_f: F64, live_i: I64, bundle_f: F64, bundle_i: I64, row: Integer, bound: float,
+    n_faces: int, m: int,
+) -> int:  # fmt: skip
     """Hand back the rays that are settled, pack the others."""
     kept = 0
     for j in range(m):
@@ -117,5 +128,30 @@ def _keep_beyond(
             kept += 1
         else:
             live_f[T, i] = t
-            live_i[HIT, i] = bundle_i[1 + row, j]
+            code = bundle_i[1 + row, j]
+            live_i[HIT, i] = code if code < n_faces else code - n_faces
+    return kept
+
+
+@inner_kernel
+def _keep_unsettled(
+    live_f: F64, live_i: I64, bundle_f: F64, bundle_i: I64, row: Integer, settle: I32, key: int,
+    place: int, n_faces: int, m: int,
+) -> int:  # fmt: skip
+    """Hand back the rays whose hit is settled at a place of the list, pack the others."""
+    kept = 0
+    for j in range(m):
+        code = bundle_i[1 + row, j]
+        i = bundle_i[_SLOT, j]
+        if code >= 0 and settle[key, code] <= place:
+            live_f[T, i] = bundle_f[DISTANCE + row, j]
+            live_i[HIT, i] = code if code < n_faces else code - n_faces
+        else:
+            bundle_i[_SLOT, kept] = i
+            bundle_i[OWN, kept] = bundle_i[OWN, j]
+            bundle_i[1 + row, kept] = code
+            bundle_f[DISTANCE + row, kept] = bundle_f[DISTANCE + row, j]
+            for k in range(6):
+                bundle_f[k, kept] = bundle_f[k, j]
+            kept += 1
     return kept

@@ -44,8 +44,7 @@ def run_mesh_steps(
         if not has_room(twins, b, n, meetings):
             return False
         nearest_hits(
-            scene.face_i, scene.face_f, scene.pool, scene.first, scene.face, scene.distance,
-            b.live_f, b.live_i, n, b.bundle_f, b.bundle_i, b.bins,
+            scene, b.live_f, b.live_i, n, b.bundle_f, b.bundle_i, b.bins
         )  # fmt: skip
         for i in range(n):
             b.live_i[MESH_BODY, i] = -1

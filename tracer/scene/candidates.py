@@ -2,33 +2,59 @@
 
 A ray that leaves a face starts inside that face's box. If it does not go back along some axis, it
 cannot meet what lies behind the box on that axis; and it travels at least the distance of both
-boxes to meet a face. Both statements hold for every ray, so a list sorted by that distance may be
-left as soon as all rays have met something nearer than the rest of it.
+boxes to meet a face. Both statements hold for every ray, so a list may be left as soon as all rays
+have met something nearer than the rest of it.
+
+In scenes of few faces a list also says which hits are *settled* early: those on a face before which
+nothing that is left in the list can be met (`tracer.scene.precedence`). Faces that are likely to
+settle many rays come first, so most rays of a lens are tried with one or two faces.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tracer.geometry.kinds import MESH, SPHERE
 from tracer.geometry.shapes import Shape
+from tracer.scene.precedence import Precedence
 
-__all__ = ["find_candidates", "main_axis"]
+__all__ = ["Candidates", "find_candidates", "main_axis"]
 
 Array = NDArray[np.float64]
+
+_FEW_FACES = 128
+"""Comparing all triples of faces is worth its time up to so many."""
+
+
+class Candidates(NamedTuple):
+    """Candidate lists of all departures.
+
+    first (n + 1,) : list of departure k is entries first[k] to first[k + 1]
+    face : numbers of faces
+    distance : lower bound of the distance of this entry and all that follow
+    settle (n, 2 x faces) : place in the list after which a hit on a face is settled; in the second
+        half hits on spheres that rays leave. (0, 0) in scenes of many faces
+    settles : whether any hit becomes settled at an entry
+    """
+
+    first: NDArray[np.int64]
+    face: NDArray[np.int64]
+    distance: Array
+    settle: NDArray[np.int32]
+    settles: NDArray[np.uint8]
 
 
 def find_candidates(
     shapes: Sequence[Shape], sources: Sequence[tuple[Array, Array, Array]]
-) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
-    """Candidate lists of all departures: first, face, distance.
+) -> Candidates:
+    """Candidate lists of all departures.
 
     A *departure* is 2 x face (+1 for directions along the face's main axis), then one per source,
-    then one for rays that start in a medium. The faces of departure k are entries first[k] to
-    first[k + 1], with a lower bound of their distance, nearest first.
+    then one for rays that start in a medium.
 
     Parameters
     ----------
@@ -41,9 +67,13 @@ def find_candidates(
     high = np.array([box[1] for box in boxes]).reshape(n, 3)
     analytic = np.array([shape.kind != MESH for shape in shapes], bool)
     axes = np.array([main_axis(shape) for shape in shapes], np.int32)
-    lists, distances = [], []
+    precedence = None
+    if 0 < n <= _FEW_FACES and bool(analytic.any()):
+        precedence = Precedence(shapes, [(start, stop) for start, stop, _ in sources])
+    lists = []
+    rows = []
 
-    def add(start_low: Array, start_high: Array, signs: Array, own: int = -1) -> None:
+    def add(start_low: Array, start_high: Array, signs: Array, start: int = -1) -> None:
         ahead = np.ones(n, bool)
         for axis in range(3):
             if signs[axis] > 0:
@@ -51,29 +81,91 @@ def find_candidates(
             elif signs[axis] < 0:
                 ahead &= low[:, axis] <= start_high[axis]
         ahead &= analytic
-        if own >= 0 and shapes[own].kind < SPHERE:
-            ahead[own] = False
+        if 0 <= start < n and shapes[start].kind < SPHERE:
+            ahead[start] = False
         gap = np.maximum(0.0, np.maximum(low - start_high, start_low - high))
         distance = np.linalg.norm(gap, axis=1) * (1.0 - 1e-12)
         order = np.argsort(distance, kind="stable")
         order = order[ahead[order]]
-        lists.append(order)
-        distances.append(distance[order])
+        if precedence is not None:
+            away = np.zeros((n, 3))
+            if start >= 0:
+                away = 0.5 * (low + high - start_low - start_high)
+            order, row = _in_likely_order(
+                order, distance, _apparent_size(high - low, away), precedence, start
+            )
+            rows.append(row)
+        lists.append((order, np.minimum.accumulate(distance[order][::-1])[::-1]))
 
     for face in range(n):
         for sign in (-1, 1):
             signs = np.zeros(3)
             signs[axes[face]] = sign
             add(low[face], high[face], signs, face)
-    for start_low, start_high, beam in sources:
-        add(start_low, start_high, np.sign(np.where(np.abs(beam) < 1e-12, 0.0, beam)))
+    for number, (start_low, start_high, beam) in enumerate(sources):
+        signs = np.sign(np.where(np.abs(beam) < 1e-12, 0.0, beam))
+        add(start_low, start_high, signs, n + number)
     everywhere = np.full(3, np.inf)
     add(-everywhere, everywhere, np.zeros(3))
-    return (
-        np.concatenate(([0], np.cumsum([len(item) for item in lists]))).astype(np.int64),
-        np.concatenate(lists).astype(np.int64),
-        np.concatenate(distances),
+    first = np.concatenate(([0], np.cumsum([len(order) for order, _ in lists]))).astype(np.int64)
+    faces = np.concatenate([order for order, _ in lists]).astype(np.int64)
+    settles = np.zeros(len(faces), np.uint8)
+    for row, start in zip(rows, first[:-1], strict=False):
+        places = row[row < _NEVER]
+        settles[start + places] = 1
+    return Candidates(
+        first=first,
+        face=faces,
+        distance=np.concatenate([distance for _, distance in lists]),
+        settle=np.array(rows, np.int32).reshape(len(rows), 2 * n if rows else 0),
+        settles=settles,
     )
+
+
+_NEVER = 2**31 - 1
+
+
+def _apparent_size(extent: Array, away: Array) -> Array:
+    """Rough solid angle of boxes in the direction ``away``, at most 1."""
+    square = np.maximum((away**2).sum(axis=1), 1e-300)
+    share = np.abs(away) / np.sqrt(square)[:, None]
+    across = np.stack([extent[:, (k + 1) % 3] * extent[:, (k + 2) % 3] for k in range(3)], axis=1)
+    return np.asarray(np.minimum(1.0, (share * across).sum(axis=1) / square))
+
+
+def _in_likely_order(
+    order: NDArray[np.intp], distance: Array, size: Array, precedence: Precedence, start: int
+) -> tuple[NDArray[np.intp], NDArray[np.int32]]:
+    """Faces in an order that settles rays soon, and the place where each one's hits are settled."""
+    n = precedence.n
+    row = np.full(2 * n, _NEVER, np.int32)
+    if start < 0:
+        # Nothing is known of rays that start anywhere
+        return order, row
+    entered = ~precedence.excluded(start, sphere_entered=True)
+    left = ~precedence.excluded(start, sphere_entered=False)
+    candidates = np.zeros(n, bool)
+    candidates[order] = True
+    entered &= candidates
+    left &= candidates
+    # Take next what settles the most for the fewest tests, what comes before it first
+    waiting = candidates.copy()
+    placed: list[int] = []
+    while waiting.any():
+        tests = 1 + (entered & waiting[None, :]).sum(axis=1)
+        gain = np.where(waiting, (size + 1e-9) / tests, -1.0)
+        best = int(np.argmax(gain))
+        before = np.flatnonzero(entered[best] & waiting)
+        for face in (*before[np.argsort(distance[before], kind="stable")], best):
+            placed.append(int(face))
+            waiting[face] = False
+    place = np.full(n, -1, np.int32)
+    place[placed] = np.arange(len(placed))
+    for half, rest in enumerate((entered, left)):
+        last = np.where(rest, place[None, :], -1).max(axis=1)
+        settled = np.maximum(last, place)
+        row[half * n : half * n + n] = np.where(candidates, settled, _NEVER)
+    return np.array(placed, np.intp), row
 
 
 def main_axis(shape: Shape) -> int:

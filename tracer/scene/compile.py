@@ -199,7 +199,7 @@ class _Compiler:
             detector_f=detector_f,
             pattern=pattern,
             first=candidates.first,
-            face=face,
+            face=candidates.face,
             distance=candidates.distance,
             settle=candidates.settle,
             settles=candidates.settles,

@@ -1,0 +1,64 @@
+"""Hits that are settled early are the nearest ones: the same rays with and without."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tracer.engine.wavefront import Wavefront
+from tracer.scene.compile import compile_scene
+from tracer.scene.load import load_scene, parse_scene
+
+SAMPLE = Path(__file__).parents[3] / "samples" / "double_gauss.toml"
+
+
+def crowd(seed: int) -> str:
+    """Mirrors and glass of all kinds in random places, in part inside each other."""
+    rng = np.random.default_rng(seed)
+    lines = [
+        'length_unit = "mm"',
+        "[limits]\ndepth = 40",
+        "[media.glass]\nindex = 1.5",
+        '[surfaces.clear]\nkind = "dielectric"',
+        '[surfaces.wall]\nkind = "lambertian"\nreflectance = 0.9',
+        '[sources.lamp]\nkind = "point"',
+    ]
+    for k in range(14):
+        kind = ("sphere", "box", "cylinder", "ring", "lens")[k % 5]
+        axis = np.eye(3)[rng.integers(0, 3)] if rng.random() < 0.7 else rng.normal(size=3)
+        place = np.round(rng.uniform(-20, 20, 3) * (rng.random(3) < 0.7), 3) + (0, 0, 3)
+        lines.append(f"[bodies.b{k}]\nkind = '{kind}'\nposition = {place.tolist()}")
+        if kind != "sphere":
+            lines.append(f"axis = {np.round(axis, 3).tolist()}")
+        size = rng.uniform(1, 6)
+        lines.append(
+            {
+                "sphere": f"radius = {size}\nsurface = 'wall'",
+                "box": f"size = [{size}, {2 * size}, {size}]\nsurface = 'wall'",
+                "cylinder": f"radius = {size}\nlength = {2 * size}\nsurface = 'wall'\nopen = true",
+                "ring": f"inner = {size}\nouter = {size + 3}\nsurface = 'wall'",
+                "lens": (
+                    f"medium = 'glass'\nsurface = 'clear'\nrim = 'wall'\nthickness = {size}\n"
+                    f"front = {{ radius = {4 * size}, semi_diameter = {size} }}\n"
+                    f"back = {{ radius = {3 * size}, semi_diameter = {size} }}"
+                ),
+            }[kind]
+        )
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize("name", ["lens", "flood", "crowd 1", "crowd 2", "crowd 3", "crowd 4"])
+def test_settled_hits_are_the_nearest(name: str) -> None:
+    if name in ("lens", "flood"):
+        scene = load_scene(SAMPLE, variants=("flood",) if name == "flood" else ())
+    else:
+        scene = parse_scene(crowd(int(name.split()[1])))
+    arrays = compile_scene(scene).arrays
+    assert arrays.settles.any()
+    unsettled = arrays._replace(settles=np.zeros_like(arrays.settles))
+    found = Wavefront(arrays, 7).trace(0, 20_000)
+    expected = Wavefront(unsettled, 7).trace(0, 20_000)
+    for column in ("records_per_ray", "object", "triangle", "event", "position"):
+        np.testing.assert_array_equal(getattr(found, column), getattr(expected, column))
