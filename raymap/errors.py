@@ -13,6 +13,7 @@
     ├── InvalidPortion (ValueError)         arrays handed to the writer contradict each other
     ├── LimitExceeded (ValueError)          more of something than the format can number
     ├── SceneError (ValueError)             a scene description cannot be traced
+    ├── MeasurementError (ValueError)       measured data cannot be used
     ├── CriterionError (ValueError)         a criterion cannot be read
     │   └── UnknownName (KeyError)          it names something the map does not have
     ├── RayNotFound (KeyError)              no ray has this number
@@ -31,6 +32,7 @@ __all__ = [
     "LimitExceeded",
     "MapExists",
     "MapLocked",
+    "MeasurementError",
     "MissingExtra",
     "NotARayMap",
     "RayMapError",
@@ -90,6 +92,10 @@ class LimitExceeded(RayMapError, ValueError):
 
 class SceneError(RayMapError, ValueError):
     """A scene description cannot be traced."""
+
+
+class MeasurementError(RayMapError, ValueError):
+    """Measured data cannot be used; the message names the file and the row."""
 
 
 class CriterionError(RayMapError, ValueError):

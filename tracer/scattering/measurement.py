@@ -7,15 +7,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.errors import RayMapError
+from raymap.errors import MeasurementError
 
 __all__ = ["FluxTable", "MaterialMeasurement", "MeasurementError", "ScatterTable", "check_flux"]
 
 Array = NDArray[np.float64]
-
-
-class MeasurementError(RayMapError, ValueError):
-    """Measured data cannot be used; the message names the file and the row."""
 
 
 @dataclass(frozen=True, kw_only=True)
