@@ -25,7 +25,7 @@ from tracer.scene.arrays import (
     LAMBERTIAN_CONE,
 )
 
-__all__ = ["PATTERN", "deal_rays", "emit_ray", "emitted_counts"]
+__all__ = ["PATTERN", "deal_rays", "emit_ray", "emitted_counts", "place_on_area"]
 
 PATTERN = 4096
 """Length of the pattern that deals ray numbers to sources."""
@@ -77,7 +77,7 @@ def emit_ray(
         u1 = uniform(state)
         state = advance(state)
         u2 = uniform(state)
-        a, b = _place(area, source_f[source, 12], source_f[source, 13], u1, u2)
+        a, b = place_on_area(area, source_f[source, 12], source_f[source, 13], u1, u2)
         x += a * source_f[source, 6] + b * source_f[source, 9]
         y += a * source_f[source, 7] + b * source_f[source, 10]
         z += a * source_f[source, 8] + b * source_f[source, 11]
@@ -98,7 +98,7 @@ def emit_ray(
 
 
 @lean_kernel
-def _place(area: int, a: float, b: float, u1: float, u2: float) -> tuple[float, float]:
+def place_on_area(area: int, a: float, b: float, u1: float, u2: float) -> tuple[float, float]:
     """Place on the emitting area, uniform: coordinates along u and v.
 
     A rectangle has the half sizes a and b, a disc or ring the radii a (inner) and b.

@@ -19,12 +19,6 @@ from tracer.engine.buffers import (
     CODE,
     COLORS,
     COUNT,
-    D_CELL,
-    D_COSINE,
-    D_DETECTOR,
-    D_PREVIOUS,
-    D_REGISTERED,
-    D_UV,
     DESCRIPTORS,
     EVENT,
     HIT,
@@ -60,18 +54,16 @@ from tracer.engine.buffers import (
     Z,
 )
 from tracer.engine.lights import emit_light
+from tracer.engine.meetings import pass_planes, pass_views, register_on_face
 from tracer.engine.nests import enter_body, leave_body, top_body
 from tracer.engine.random import stream_state
 from tracer.engine.splitting import Twins, gather_twins, release_twin, twin_code, twin_event
 from tracer.engine.volumes import fly_freely
 from tracer.engine.weighted import aim_in_volume, end_faint_ray, meet
-from tracer.geometry.kinds import F64, I64, MESH
+from tracer.geometry.kinds import F64, MESH
 from tracer.geometry.normals import face_normal
 from tracer.scene.arrays import (
     B_MEDIUM,
-    D_CELLS_U,
-    D_CELLS_V,
-    D_VIRTUAL,
     DEPTH,
     F_AXIS,
     F_DETECTOR,
@@ -96,8 +88,6 @@ __all__ = ["emit_block", "interact", "place_block"]
 
 EMITTED = int(Event.EMITTED)
 LEFT_SCENE = int(Event.LEFT_SCENE)
-CROSSED = int(Event.DETECTOR_CROSSED)
-REGISTERED = int(Event.DETECTOR_REGISTERED)
 DEPTH_LIMIT = int(Event.DEPTH_LIMIT)
 GEOMETRY_ERROR = int(Event.GEOMETRY_ERROR)
 RIM_HIT = int(Event.RIM_HIT)
@@ -203,7 +193,7 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
     medium_i, medium_f, tables = scene.medium_i, scene.medium_f, scene.tables
     detector_i, detector_f = scene.detector_i, scene.detector_f
     sphere, world, depth = scene.sphere, scene.limits[WORLD], scene.limits[DEPTH]
-    virtual, rare = scene.limits[VIRTUAL], scene.rare
+    virtual, rare, views = scene.limits[VIRTUAL], scene.rare, scene.views
     live_f, live_i, ray_i, ray_f = b.live_f, b.live_i, b.ray_i, b.ray_f
     words, real, exact = b.words, b.real, b.exact
     meetings, meeting_t, colors, counters = b.meetings, b.meeting_t, b.colors, b.counters
@@ -239,10 +229,14 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
             event = LEFT_SCENE
             t = _to_sphere(sphere, x, y, z, dx, dy, dz)
         if virtual != 0:
-            _pass_detectors(
+            pass_planes(
                 detector_i, detector_f, last, x, y, z, ux, uy, uz, t, words, meetings, meeting_t,
                 counters,
             )  # fmt: skip
+        pass_views(
+            views, detector_i, detector_f, last, x, y, z, ux, uy, uz, t, event == LEFT_SCENE,
+            words, meetings, meeting_t, counters,
+        )  # fmt: skip
         x += t * ux
         y += t * uy
         z += t * uz
@@ -325,9 +319,10 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
                             event |= MEDIUM_CHANGED
                         medium = other
                     if face_i[face, F_DETECTOR] >= 0:
-                        event |= _register_on_face(
-                            detector_i, detector_f, face_i[face, F_DETECTOR], last, x, y, z, ux,
-                            uy, uz, t, words, meetings, meeting_t, counters,
+                        event |= register_on_face(
+                            views, detector_i, detector_f, face_i[face, F_DETECTOR], last, x, y,
+                            z, ux, uy, uz, t, cosine, triangle, words, meetings, meeting_t,
+                            counters,
                         )  # fmt: skip
             axis = face_i[face, F_AXIS]
             along = dx if axis == 0 else (dy if axis == 1 else dz)
@@ -402,73 +397,3 @@ def _to_sphere(sphere: F64, x: float, y: float, z: float, dx: float, dy: float, 
     b = wx * dx + wy * dy + wz * dz
     c = wx * wx + wy * wy + wz * wz - sphere[3] * sphere[3]
     return float(max(0.0, -b + math.sqrt(max(0.0, b * b - c))))
-
-
-@inner_kernel
-def _pass_detectors(
-    detector_i: I64, detector_f: F64, record: int, x: float, y: float, z: float, dx: float,
-    dy: float, dz: float, t_end: float, words: I32, meetings: I32, meeting_t: F64, counters: I64,
-) -> None:  # fmt: skip
-    """Note the virtual planes that a segment crosses."""
-    for d in range(len(detector_i)):
-        if detector_i[d, D_VIRTUAL] == 0:
-            continue
-        s = detector_f[d]
-        d_n = dx * s[9] + dy * s[10] + dz * s[11]
-        t = ((s[0] - x) * s[9] + (s[1] - y) * s[10] + (s[2] - z) * s[11]) / d_n
-        if not 0.0 < t <= t_end:
-            continue
-        px, py, pz = x + t * dx - s[0], y + t * dy - s[1], z + t * dz - s[2]
-        u = (px * s[3] + py * s[4] + pz * s[5]) / s[12] + 0.5
-        v = (px * s[6] + py * s[7] + pz * s[8]) / s[13] + 0.5
-        if u < 0.0 or u > 1.0 or v < 0.0 or v > 1.0:
-            continue
-        _describe(
-            detector_i, detector_f, d, record, u, v, -d_n, t, words, meetings, meeting_t, counters
-        )
-
-
-@inner_kernel
-def _register_on_face(
-    detector_i: I64, detector_f: F64, detector: int, record: int, x: float, y: float, z: float,
-    dx: float, dy: float, dz: float, t: float, words: I32, meetings: I32, meeting_t: F64,
-    counters: I64,
-) -> int:  # fmt: skip
-    """Register a meeting with the face of a blocking detector; event bits of that point."""
-    s = detector_f[detector]
-    px, py, pz = x - s[0], y - s[1], z - s[2]
-    u = min(1.0, max(0.0, (px * s[3] + py * s[4] + pz * s[5]) / s[12] + 0.5))
-    v = min(1.0, max(0.0, (px * s[6] + py * s[7] + pz * s[8]) / s[13] + 0.5))
-    cosine = -(dx * s[9] + dy * s[10] + dz * s[11])
-    if _describe(
-        detector_i, detector_f, detector, record, u, v, cosine, t, words, meetings, meeting_t,
-        counters,
-    ):  # fmt: skip
-        return REGISTERED
-    return 0
-
-
-@inner_kernel
-def _describe(
-    detector_i: I64, detector_f: F64, detector: int, record: int, u: float, v: float,
-    cosine: float, t: float, words: I32, meetings: I32, meeting_t: F64, counters: I64,
-) -> bool:  # fmt: skip
-    """Write a descriptor and sum it up in the record of its segment; True if it registers."""
-    facing = abs(cosine) if detector_f[detector, 15] > 0.0 else cosine
-    registered = facing > 0.0 and facing >= detector_f[detector, 14]
-    n_u, n_v = detector_i[detector, D_CELLS_U], detector_i[detector, D_CELLS_V]
-    cell_u = min(n_u - 1, np.int64(u * n_u))
-    cell_v = min(n_v - 1, np.int64(v * n_v))
-    k = counters[DESCRIPTORS]
-    meetings[k, D_DETECTOR] = detector
-    meetings[k, D_CELL] = cell_u | (cell_v << 16)
-    meetings[k, D_UV] = np.int64(u * 65535.0 + 0.5) | (np.int64(v * 65535.0 + 0.5) << 16)
-    meetings[k, D_COSINE] = np.int64(math.floor(cosine * 32767.0 + 0.5))
-    meetings[k, D_REGISTERED] = registered
-    meetings[k, D_PREVIOUS] = words[record, CHAIN]
-    meeting_t[k] = t
-    counters[DESCRIPTORS] = k + 1
-    words[record, CHAIN] = k
-    words[record, COUNT] += 1
-    words[record, EVENT] |= CROSSED | (REGISTERED if registered else 0)
-    return registered

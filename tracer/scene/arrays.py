@@ -46,7 +46,8 @@ L_AREA, L_DIRECTIONS, L_CODE, L_NEST, L_MEDIUM = range(5)
 SOURCE_ROW = 24
 
 # Columns of detector_i; detector_f: center 0-2, u 3-5, v 6-8, looking direction 9-11, full size
-# 12-13, smallest accepted cosine 14, 1 where both sides register 15
+# 12-13, smallest accepted cosine 14, 1 where both sides register 15. Virtual: a plane that light
+# passes
 D_CELLS_U, D_CELLS_V, D_VIRTUAL = range(3)
 
 # Entries of limits
@@ -68,6 +69,23 @@ DEPTH, WORLD, VIRTUAL = range(3)
 # Where a source emits from, and into which directions
 FROM_DISC, FROM_RECTANGLE, FROM_POINT, FROM_RING, FROM_PICTURE, FROM_LIST = range(6)
 COLLIMATED, LAMBERTIAN_CONE, UNIFORM_CONE, BY_TABLE = range(4)
+
+
+# Columns of Views.numbers: center 0-2, u 3-5, v 6-8, looking direction or axis 9-11, then
+#   a far field: lowest and highest gamma [rad] 12-13
+#   a camera: radius of its lens 12, 1 / distance of focus 13, tangents of half its field 14-15
+#   a flat map of a face: width and height 12-13, side 14 (+1 light from outside, -1 from inside)
+#   a map around an axis: lowest and highest place along it 12-13, side 14
+#   a map by triangle: first triangle 12, side 14
+VIEW_ROW = 16
+NO_VIEW, FAR_FIELD, CAMERA, FLAT_MAP, ROUND_MAP, TRIANGLE_MAP = range(6)
+
+
+class Views(NamedTuple):
+    """Detectors that are no planes: kind (n,) and numbers (n, VIEW_ROW), a row per detector."""
+
+    kind: I64
+    numbers: F64
 
 
 # Entries of RareLight.settings: least probability of a reflection, reflections that split light,
@@ -108,6 +126,7 @@ class CompiledScene(NamedTuple):
     limits : most points of a ray, medium of the world, whether any detector is virtual
     rare : settings of the weighted mode; None in the analog one, where the compiler leaves it out
     light_pool, light_rays : tables of sources (`tracer.scene.light_pool`); None where all are plain
+    views : detectors that are no planes; None where there are none
     """
 
     face_i: I64
@@ -134,6 +153,7 @@ class CompiledScene(NamedTuple):
     rare: RareLight | None = None
     light_pool: F64 | None = None
     light_rays: NDArray[np.float32] | None = None
+    views: Views | None = None
 
     @property
     def n_channels(self) -> int:

@@ -6,7 +6,6 @@ and every message can say where it is. A `Scene` is immutable.
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -14,8 +13,10 @@ from numpy.typing import NDArray
 from pydantic import Field, SerializeAsAny
 
 from tracer.geometry.bodies import Body
-from tracer.scene.fields import ByWavelength, Node, Placed, Positive, Share, Spectral, Vector
+from tracer.scene.detector_model import DetectorModel
+from tracer.scene.fields import Node, Positive, Share, Spectral
 from tracer.scene.rare_light import TraceModel
+from tracer.scene.source_model import SourceModel
 
 __all__ = [
     "DetectorModel",
@@ -245,88 +246,6 @@ _SURFACE_KEYS: dict[str, tuple[str, ...]] = {
 }
 
 
-class SourceModel(Placed):
-    """A light source.
-
-    collimated : parallel beam from a disc (``diameter``) or rectangle (``size``); along
-        ``direction``, or through the point ``aim`` with the given direction, starting ``distance``
-        before it
-    lambertian : disc or rectangle that emits into the half space (or ``cone_deg``) along its axis
-    point : from one point, uniform into all directions or within ``cone_deg`` of its axis
-    """
-
-    kind: Literal["collimated", "lambertian", "point"]
-    on: bool = True
-    flux: Positive = 1.0
-    share: Positive | None = None
-    spectrum: Literal["white"] | ByWavelength = "white"
-    diameter: Positive | None = None
-    inner_diameter: Annotated[float, Field(ge=0)] = 0.0
-    size: tuple[Positive, Positive] | None = None
-    direction: Vector | None = None
-    aim: Vector | None = None
-    distance: Positive | None = None
-    cone_deg: Annotated[float, Field(gt=0, le=180)] | None = None
-    inside: str | None = None
-
-    def model_post_init(self, context: Any) -> None:
-        super().model_post_init(context)
-        if self.kind == "point":
-            if self.diameter or self.size:
-                raise ValueError("a point source has neither diameter nor size")
-        elif (self.diameter is None) == (self.size is None):
-            raise ValueError("give either diameter (a disc) or size (a rectangle)")
-        if (self.aim is None) != (self.distance is None):
-            raise ValueError("aim and distance go together")
-        if self.aim is not None and "position" in self.model_fields_set:
-            raise ValueError("give position, or aim and distance")
-        if self.direction is not None and not any(self.direction):
-            raise ValueError("direction must not be the zero vector")
-        if self.direction is not None and (self.axis or self.rotation):
-            raise ValueError("direction already turns the source; drop axis and rotation")
-        if self.kind == "lambertian" and (self.cone_deg or 0.0) > 90.0:
-            raise ValueError("cone_deg of a lambertian source is at most 90")
-
-    def frame(self) -> tuple[Array, Array]:
-        origin, frame = super().frame()
-        if self.direction is not None:
-            _, frame = Placed(axis=self.direction).frame()
-        if self.aim is not None and self.distance is not None:
-            origin = np.array(self.aim) - self.distance * frame[:, 2]
-        return origin, frame
-
-
-class DetectorModel(Node):
-    """A rectangular grid of cells that ``looks`` in a direction, ``up`` along its v axis.
-
-    Light that comes from where it looks registers. A blocking detector is also an object of its
-    name, with ``surface`` (an absorber unless given).
-    """
-
-    position: Vector
-    looks: Vector
-    up: Vector = (0.0, 1.0, 0.0)
-    size: tuple[Positive, Positive]
-    cells: tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]]
-    blocking: bool = False
-    surface: str | None = None
-    acceptance_deg: Annotated[float, Field(gt=0, le=90)] = 90.0
-    both_sides: bool = False
-
-    def model_post_init(self, context: Any) -> None:
-        if np.linalg.norm(np.cross(self.looks, self.up)) < 1e-9:
-            raise ValueError("looks and up must be two different directions")
-        if self.surface is not None and not self.blocking:
-            raise ValueError("only a blocking detector has a surface")
-
-    def axes(self) -> tuple[Array, Array, Array]:
-        """Unit vectors u, v and looking direction n = u x v."""
-        n = np.array(self.looks) / np.linalg.norm(self.looks)
-        v = np.array(self.up) - (np.array(self.up) @ n) * n
-        v /= np.linalg.norm(v)
-        return np.cross(v, n), v, n
-
-
 class Limits(Node):
     """``depth``: most surfaces and scatterings that a ray meets before it is stopped."""
 
@@ -357,9 +276,3 @@ class Scene(Node):
     text: str = ""
     origin: str = "scene"
     folder: str = "."
-
-
-def cone_cosine(source: SourceModel) -> float:
-    """Cosine that limits the directions of a source."""
-    widest = 180.0 if source.kind == "point" else 90.0
-    return math.cos(math.radians(source.cone_deg or widest))

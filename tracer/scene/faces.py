@@ -1,0 +1,274 @@
+"""Bodies of a scene as numbered faces: objects for the map, primitives for the engine."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raymap.directory import DisplayMesh, Face, SceneObject
+from raymap.errors import SceneError
+from tracer.geometry.bodies import Body, FacePlan, LensBody, MeshBody
+from tracer.geometry.kinds import ROW
+from tracer.geometry.mesh import TriangleMesh
+from tracer.geometry.shapes import Polygon, Rectangle, Shape
+from tracer.scene.candidates import main_axis
+from tracer.scene.load import _nearest
+from tracer.scene.meshes import MeshFace, MeshShelf
+from tracer.scene.model import Scene, SurfaceModel
+from tracer.scene.resolve import resolve_bodies
+
+__all__ = ["FaceTable", "Primitive", "given_parameters"]
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Primitive:
+    """One analytic face on its way into the arrays."""
+
+    shape: Shape
+    object: int
+    triangle: int
+    surface: int
+    inside: int = -1
+    outside: int = -1
+    detector: int = -1
+    event: int = 0
+
+
+class FaceTable:
+    """Numbers bodies, faces and surfaces.
+
+    Attributes
+    ----------
+    bodies : by name, cemented faces filled in
+    solids : names of the bodies with a medium, in order
+    surface_names : of all surfaces, those of the scene first
+    objects, primitives, meshes, placed : filled by `build`; ``placed`` are triangles by body
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.bodies = resolve_bodies(scene)
+        self.solids = [name for name, body in self.bodies.items() if body.medium is not None]
+        self.shelf = MeshShelf(Path(scene.folder))
+        self.surface_names = list(scene.surfaces)
+        self.extra_surfaces: dict[str, SurfaceModel] = {}
+        self.objects: list[SceneObject] = []
+        self.primitives: list[Primitive] = []
+        self.meshes: dict[int, DisplayMesh] = {}
+        self.placed: dict[str, TriangleMesh] = {}
+
+    def fail(self, key: str, message: str) -> SceneError:
+        return SceneError(f"{self.scene.origin}: {key}: {message}")
+
+    def surface_models(self) -> list[tuple[str, SurfaceModel]]:
+        """All surfaces that faces have, by number."""
+        known = self.scene.surfaces | self.extra_surfaces
+        return [(name, known[name]) for name in self.surface_names]
+
+    def _surface_number(self, name: str | None, solid: bool, place: str) -> int:
+        """Index of a surface by name; the default of solids is bare, of sheets there is none."""
+        if name is None:
+            if not solid:
+                raise self.fail(f"{place}.surface", "is missing; name one of [surfaces.…]")
+            name = "bare"
+        if name not in self.surface_names:
+            builtin = {
+                "bare": SurfaceModel(kind="dielectric"),
+                "absorber": SurfaceModel(kind="absorber"),
+            }
+            if name not in builtin:
+                raise self.fail(
+                    place,
+                    f"there is no surface {name!r}{_nearest(name, self.scene.surfaces)}",
+                )
+            self.surface_names.append(name)
+            self.extra_surfaces[name] = builtin[name]
+        return self.surface_names.index(name)
+
+    def build(self) -> None:
+        """Number all faces: bodies first, then blocking detectors.
+
+        Raises
+        ------
+        SceneError
+        """
+        cemented = {
+            body.front.cemented: name
+            for name, body in self.bodies.items()
+            if isinstance(body, LensBody) and body.front.cemented is not None
+        }
+        for name, body in self.bodies.items():
+            if isinstance(body, MeshBody):
+                self._add_mesh(name, body)
+            else:
+                self._add_body(name, body, cemented.get(name))
+        for number, (name, detector) in enumerate(self.scene.detectors.items()):
+            if detector.blocking:
+                u, v, _ = detector.axes()
+                shape = Rectangle(np.array(detector.position), u, v, detector.size)
+                self._add_detector(name, number, shape, detector.surface or "absorber")
+
+    def _add_body(self, name: str, body: Body, back_partner: str | None) -> None:
+        plans = body.plan()
+        self._check_face_names(name, body, [plan.name for plan in plans])
+        solid = self.solids.index(name) if name in self.solids else -1
+        faces: list[Face] = []
+        for plan in plans:
+            surface = self._surface_number(
+                body.faces.get(plan.name, plan.surface or body.surface),
+                solid >= 0,
+                f"bodies.{name}",
+            )
+            partner = back_partner if plan.name == "back" else None
+            outside = self.solids.index(partner) if partner is not None else -1
+            faces.append(self._face(plan, faces, surface, partner))
+            self.primitives += [
+                Primitive(
+                    shape=shape,
+                    object=len(self.objects),
+                    triangle=faces[-1].first_primitive + k,
+                    surface=surface,
+                    inside=solid,
+                    outside=outside,
+                    event=plan.event,
+                )
+                for k, shape in enumerate(plan.shapes)
+            ]
+        self._add_object(name, body.kind, faces, _mesh(plans), given_parameters(body))
+
+    def _add_detector(self, name: str, number: int, shape: Rectangle, surface_name: str) -> None:
+        surface = self._surface_number(surface_name, True, f"detectors.{name}.surface")
+        plan = FacePlan(name="front", shapes=(shape,))
+        self.primitives.append(
+            Primitive(
+                shape=shape,
+                object=len(self.objects),
+                triangle=0,
+                surface=surface,
+                detector=number,
+            )
+        )
+        self._add_object(name, "detector", [self._face(plan, [], surface, None)], _mesh([plan]), {})
+
+    def _add_mesh(self, name: str, body: MeshBody) -> None:
+        """Names of a mesh's faces, and a place of departure for each of them."""
+        mesh = self.shelf.place(name, body, len(self.primitives))
+        self.placed[name] = mesh
+        self._check_face_names(name, body, list(mesh.face_names))
+        low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+        margin = 1e-9 * (1.0 + float(np.abs([low, high]).max()))
+        solid = self.solids.index(name) if name in self.solids else -1
+        faces: list[Face] = []
+        first = 0
+        for face_name, count in zip(mesh.face_names, mesh.face_counts.tolist(), strict=True):
+            surface = self._surface_number(
+                body.faces.get(face_name, body.surface), solid >= 0, f"bodies.{name}"
+            )
+            faces.append(
+                Face(name=face_name, first_primitive=first, primitive_count=count, surface=surface)
+            )
+            self.primitives.append(
+                Primitive(
+                    shape=MeshFace(low - margin, high + margin),
+                    object=len(self.objects),
+                    triangle=first,
+                    surface=surface,
+                    inside=solid,
+                )
+            )
+            first += count
+        self._add_object(name, "mesh", faces, mesh.display(), given_parameters(body))
+
+    def _add_object(
+        self, name: str, kind: str, faces: list[Face], mesh: DisplayMesh, parameters: dict[str, Any]
+    ) -> None:
+        self.meshes[len(self.objects)] = mesh
+        self.objects.append(
+            SceneObject(name=name, kind=kind, faces=tuple(faces), parameters=parameters)
+        )
+
+    def shapes(self) -> dict[str, list[Shape]]:
+        """Shapes of every face by its full name."""
+        found: dict[str, list[Shape]] = {
+            f"{item.name}.{face.name}": [] for item in self.objects for face in item.faces
+        }
+        for primitive in self.primitives:
+            item = self.objects[primitive.object]
+            for face in item.faces:
+                if 0 <= primitive.triangle - face.first_primitive < face.primitive_count:
+                    found[f"{item.name}.{face.name}"].append(primitive.shape)
+        return found
+
+    def _check_face_names(self, name: str, body: Body, known: list[str]) -> None:
+        unknown = sorted(set(body.faces) - set(known))
+        if unknown:
+            raise self.fail(
+                f"bodies.{name}.faces.{unknown[0]}",
+                f"a {body.kind} has no such face{_nearest(unknown[0], dict.fromkeys(known, 0))}",
+            )
+
+    def _face(self, plan: FacePlan, before: list[Face], surface: int, partner: str | None) -> Face:
+        first = before[-1].first_primitive + before[-1].primitive_count if before else 0
+        return Face(
+            name=plan.name,
+            first_primitive=first,
+            primitive_count=len(plan.shapes),
+            surface=surface,
+            aliases=(f"{partner}.front",) if partner else (),
+            quadrics=tuple(shape.quadric() for shape in plan.shapes),
+        )
+
+    def rows(self) -> tuple[Integers, Array, Array]:
+        """``face_i``, ``face_f`` and ``pool`` of `CompiledScene`."""
+        integers, rows = [], []
+        pool: list[Array] = []
+        for p in self.primitives:
+            row = p.shape.row()
+            if isinstance(p.shape, Polygon):
+                planes = p.shape.half_planes()
+                row[6], row[7] = len(pool), len(planes)
+                pool += list(planes)
+            rows.append(row)
+            integers.append(
+                (
+                    p.shape.kind, p.object, p.triangle, p.surface, p.inside, p.outside, p.detector,
+                    p.event, main_axis(p.shape),
+                )
+            )  # fmt: skip
+        return (
+            np.array(integers, np.int64).reshape(-1, 9),
+            np.array(rows).reshape(-1, ROW),
+            np.array(pool, float).reshape(-1),
+        )
+
+
+def _mesh(plans: list[FacePlan]) -> DisplayMesh:
+    vertices, triangles, faces = [], [], []
+    base = 0
+    for number, plan in enumerate(plans):
+        for shape in plan.shapes:
+            points, corners = shape.mesh()
+            vertices.append(points)
+            triangles.append(corners + base)
+            faces.append(np.full(len(corners), number))
+            base += len(points)
+    return DisplayMesh(
+        vertices=np.concatenate(vertices).astype(np.float32),
+        triangles=np.concatenate(triangles).astype(np.int32),
+        face=np.concatenate(faces).astype(np.int32),
+    )
+
+
+def given_parameters(model: Any) -> dict[str, Any]:
+    """What the user gave, as plain values that JSON can hold."""
+    given: dict[str, Any] = json.loads(model.model_dump_json(exclude_unset=True))
+    given.pop("kind", None)
+    return given

@@ -1,0 +1,73 @@
+"""Pictures that light is made of: read as linear light, row 0 at the bottom."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raymap.colorimetry import decode_srgb
+from raymap.errors import MissingExtra, SceneError
+
+__all__ = ["read_picture"]
+
+Array = NDArray[np.float64]
+
+
+def read_picture(folder: str | Path, file: str) -> Array:
+    """(rows, columns, 3) linear R, G, B >= 0.
+
+    ``.npy`` and float ``.tiff`` hold linear values, (rows, columns) or (rows, columns, 3), row 0 at
+    the top; all other files are pictures in sRGB, 8 or 16 bits, and are linearised.
+
+    Raises
+    ------
+    SceneError
+        for a file that is not there or holds no picture
+    MissingExtra
+        where the package that reads the format is not installed
+    """
+    path = Path(folder) / file
+    if not path.is_file():
+        raise SceneError(f"there is no picture {str(path)!r}; paths start from the scene's folder")
+    pixels = _read(path)
+    if pixels.ndim == 2:
+        pixels = np.repeat(pixels[:, :, None], 3, axis=2)
+    if pixels.ndim != 3 or pixels.shape[2] not in (3, 4) or 0 in pixels.shape:
+        raise SceneError(f"{path.name} is no picture of rows, columns and R, G, B")
+    linear = _linear(pixels[:, :, :3])
+    if not np.all(np.isfinite(linear)) or linear.min() < 0.0:
+        raise SceneError(f"{path.name} holds negative light or values that are no numbers")
+    return np.ascontiguousarray(linear[::-1])
+
+
+def _linear(pixels: NDArray[Any]) -> Array:
+    if pixels.dtype.kind == "f":
+        return np.asarray(pixels, np.float64)
+    return np.asarray(decode_srgb(pixels / np.iinfo(pixels.dtype).max), np.float64)
+
+
+def _read(path: Path) -> NDArray[Any]:
+    suffix = path.suffix.lower()
+    try:
+        if suffix == ".npy":
+            return np.asarray(np.load(path, allow_pickle=False))
+        if suffix in (".tif", ".tiff"):
+            import tifffile
+
+            return np.asarray(tifffile.imread(path))
+        from PIL import Image
+
+        with Image.open(path) as image:
+            if image.mode not in ("L", "RGB", "RGBA", "I;16"):
+                return np.asarray(image.convert("RGB"))
+            return np.asarray(image)
+    except ImportError as error:
+        raise MissingExtra(
+            f"reading {path.name} needs the package {error.name} (pip install 'raymap[view]'); "
+            ".npy files need nothing more"
+        ) from None
+    except (OSError, ValueError) as error:
+        raise SceneError(f"cannot read the picture {path.name}: {error}") from None

@@ -1,0 +1,50 @@
+"""Bodies of a scene with what they take from one another filled in."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from raymap.errors import SceneError
+from tracer.geometry.bodies import Body, LensBody
+from tracer.scene.checks import check_lenses
+from tracer.scene.load import _nearest
+from tracer.scene.model import Scene
+
+__all__ = ["resolve_bodies"]
+
+
+def resolve_bodies(scene: Scene) -> dict[str, Body]:
+    """The bodies with cemented faces filled in, each checked on its own.
+
+    Raises
+    ------
+    SceneError
+        impossible shapes, a cement partner that is missing or elsewhere
+    """
+    lenses = {n: b for n, b in scene.bodies.items() if isinstance(b, LensBody)}
+    bodies: dict[str, Body] = {}
+    for name, body in scene.bodies.items():
+        place = f"{scene.origin}: bodies.{name}"
+        if isinstance(body, LensBody) and body.front.cemented is not None:
+            partner = lenses.get(body.front.cemented)
+            if partner is None or partner is body:
+                raise SceneError(
+                    f"{place}.front.cemented: there is no lens {body.front.cemented!r} before "
+                    f"it{_nearest(body.front.cemented, lenses)}"
+                )
+            origin, frame = partner.frame()
+            vertex = origin + partner.thickness * frame[:, 2]
+            gap = float(np.linalg.norm(np.array(body.position) - vertex))
+            if gap > 1e-9 or not np.allclose(frame, body.frame()[1], atol=1e-12):
+                raise SceneError(
+                    f"{place}.position: the cemented front lies {gap:.4g} away from the back of "
+                    f"{body.front.cemented!r} or is turned; put it at {vertex.tolist()}"
+                )
+            shape = partner.back.model_copy(update={"cemented": body.front.cemented})
+            body = body.model_copy(update={"front": shape})
+        problems = body.problems()
+        if problems:
+            raise SceneError(f"{place}.{problems[0]}")
+        bodies[name] = body
+    check_lenses(bodies, scene.origin)
+    return bodies

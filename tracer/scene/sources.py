@@ -1,0 +1,374 @@
+"""Sources of a scene by number: rows for the engine, colours, fluxes, and the pool of light."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raymap.errors import SceneError
+from tracer.light import IntensityGrid, RayList
+from tracer.optics.dispersion import OutOfRangeWarning
+from tracer.optics.spectrum import SourceSpectrum, tabulated_spectrum
+from tracer.scene.arrays import (
+    BY_TABLE,
+    COLLIMATED,
+    FROM_DISC,
+    FROM_LIST,
+    FROM_PICTURE,
+    FROM_POINT,
+    FROM_RECTANGLE,
+    FROM_RING,
+    LAMBERTIAN_CONE,
+    SOURCE_ROW,
+    UNIFORM_CONE,
+)
+from tracer.scene.fields import ByWavelength
+from tracer.scene.light_pool import LightPool, PooledList, length_in
+from tracer.scene.model import RGB_NM, Scene
+from tracer.scene.source_model import SourceModel, cone_cosine
+from tracer.scene.spectra import SpectrumModel, convert_flux, source_shares
+from tracer.sources import deal_rays
+
+__all__ = ["CompiledSources", "SourceTable"]
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Box = tuple[Array, Array, Array]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CompiledSources:
+    """Sources for the engine and for the names of the map.
+
+    Attributes
+    ----------
+    integers, numbers, pattern : as in `CompiledScene`
+    pool, rays : as ``light_pool`` and ``light_rays`` of `CompiledScene`
+    boxes : per source the box that it emits from and the direction of its beam (zero: any)
+    fluxes : in the flux unit of the map
+    """
+
+    integers: Integers
+    numbers: Array
+    pattern: Integers
+    pool: Array | None
+    rays: NDArray[np.float32] | None
+    boxes: list[Box]
+    fluxes: Array
+
+
+class SourceTable:
+    """Compiles the sources of a scene.
+
+    Parameters
+    ----------
+    scene : the scene
+    wavelengths_nm : of the channels
+    nests : per solid, by name, the nest of what stands inside it alone and its medium
+    world : the medium of the world
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        wavelengths_nm: Array,
+        nests: Mapping[str, tuple[int, int]],
+        world: int,
+    ) -> None:
+        self.scene = scene
+        self.wavelengths = wavelengths_nm
+        self.rgb = scene.spectrum.kind == "rgb"
+        self.nests = nests
+        self.world = world
+        self.models = list(scene.sources.items())
+        self.light = [self._measured(name, model) for name, model in self.models]
+
+    def fail(self, key: str, message: str) -> SceneError:
+        return SceneError(f"{self.scene.origin}: sources.{key}: {message}")
+
+    def _measured(self, name: str, model: SourceModel) -> IntensityGrid | RayList | None:
+        if model.kind not in ("intensity", "rays") or not model.on:
+            return None
+        return model.measured(self.scene.folder, f"{self.scene.origin}: sources.{name}")
+
+    def compile(self) -> CompiledSources:
+        """All sources.
+
+        Raises
+        ------
+        SceneError
+        """
+        n, n_channels = len(self.models), len(self.wavelengths)
+        numbers = np.zeros((n, SOURCE_ROW + n_channels))
+        integers = np.zeros((n, 5), np.int64)
+        pool = LightPool(self.wavelengths, rgb=self.rgb)
+        lights = [self._light(name, model) for name, model in self.models]
+        fluxes = np.array(
+            [self._flux(name, model, k, lights[k]) for k, (name, model) in enumerate(self.models)]
+        )
+        shares = np.array(
+            [
+                (model.share or flux) if model.on else 0.0
+                for (_, model), flux in zip(self.models, fluxes, strict=True)
+            ]
+        )
+        pattern = deal_rays(shares)
+        boxes = []
+        for k, (name, model) in enumerate(self.models):
+            row = numbers[k]
+            row[SOURCE_ROW:] = self._color(name, model, lights[k])
+            area, directions = self._shape(name, model, k, row, pool, pattern)
+            color = row[SOURCE_ROW:]
+            code = int(np.argmax(color)) if color.max() == 1.0 else n_channels + k
+            nest, medium = self._nest(name, model)
+            integers[k] = area, directions, code, nest, medium
+            boxes.append(self._box(k, model))
+        flat, rays = pool.finish()
+        return CompiledSources(
+            integers=integers,
+            numbers=numbers,
+            pattern=pattern,
+            pool=flat,
+            rays=rays,
+            boxes=boxes,
+            fluxes=fluxes,
+        )
+
+    def box(self) -> list[Box]:
+        """Where the sources emit from, for the extent of the scene."""
+        return [self._box(k, model) for k, (_, model) in enumerate(self.models)]
+
+    # -- shape ---------------------------------------------------------------------------------
+
+    def _shape(
+        self,
+        name: str,
+        model: SourceModel,
+        k: int,
+        row: Array,
+        pool: LightPool,
+        pattern: Integers,
+    ) -> tuple[int, int]:
+        """Fill the row of a source; the kinds of its area and of its directions."""
+        origin, frame = model.frame()
+        row[0:3], row[3:6], row[6:9], row[9:12] = origin, frame[:, 2], frame[:, 0], frame[:, 1]
+        row[14] = cone_cosine(model)
+        row[15:18] = frame[:, 2]
+        light = self.light[k]
+        diameter, size = self._opening(model, light)
+        if size is not None:
+            area = FROM_RECTANGLE
+            row[12], row[13] = size[0] / 2.0, size[1] / 2.0
+        elif diameter is not None:
+            area = FROM_DISC
+            row[12], row[13] = model.inner_diameter / 2.0, diameter / 2.0
+            if model.kind == "ring":
+                row[12] = (model.inner_diameter or diameter) / 2.0
+        else:
+            area = FROM_POINT
+        if area != FROM_POINT:
+            row[18:21] = frame[:, 2]
+        if model.kind == "ring" and model.tilt_deg != 0.0:
+            area = FROM_RING
+            row[22] = math.radians(model.tilt_deg)
+        if model.kind == "picture" and model.on:
+            from tracer.scene.pictures import read_picture
+
+            assert model.file is not None
+            try:
+                picture = read_picture(self.scene.folder, model.file)
+            except SceneError as error:
+                raise self.fail(f"{name}.file", str(error)) from None
+            row[21] = pool.add_picture(picture)
+            area = FROM_PICTURE
+        if isinstance(light, RayList):
+            row[18:21] = 0.0
+            listed = self._list(name, model, light)
+            row[21] = pool.add_list(listed, np.flatnonzero(pattern == k), len(pattern))
+            return FROM_LIST, UNIFORM_CONE
+        if isinstance(light, IntensityGrid):
+            row[21] = pool.add_intensity(light)
+            return area, BY_TABLE
+        if model.kind == "collimated":
+            return area, COLLIMATED
+        return area, UNIFORM_CONE if model.kind in ("point", "rays") else LAMBERTIAN_CONE
+
+    def _opening(
+        self, model: SourceModel, light: IntensityGrid | RayList | None
+    ) -> tuple[float | None, tuple[float, float] | None]:
+        """Diameter or size of the emitting area; that of the scene file comes first."""
+        if model.diameter is not None or model.size is not None:
+            return model.diameter, model.size
+        if isinstance(light, IntensityGrid) and light.opening is not None:
+            scale = length_in(light.length_unit, self.scene.length_unit)
+            if isinstance(light.opening, tuple):
+                return None, (light.opening[0] * scale, light.opening[1] * scale)
+            return light.opening * scale, None
+        return None, None
+
+    def _box(self, k: int, model: SourceModel) -> Box:
+        origin, frame = model.frame()
+        beam = frame[:, 2] if model.kind == "collimated" else np.zeros(3)
+        light = self.light[k]
+        if isinstance(light, RayList):
+            points = light.positions @ frame.T.astype(np.float32) * np.float32(self._scale(model, light))  # fmt: skip # noqa: E501
+            low, high = points.min(axis=0).astype(float), points.max(axis=0).astype(float)
+            margin = 1e-6 * (1.0 + float(np.abs([low, high]).max()))
+            return origin + low - margin, origin + high + margin, beam
+        diameter, size = self._opening(model, light)
+        if size is not None:
+            reach = np.abs(frame[:, :2]) @ (np.array(size) / 2.0)
+        elif diameter is not None:
+            axis = frame[:, 2]
+            reach = np.sqrt(np.maximum(0.0, 1.0 - axis * axis)) * diameter / 2.0
+        else:
+            reach = np.zeros(3)
+        return origin - reach - 1e-9, origin + reach + 1e-9, beam
+
+    def _scale(self, model: SourceModel, light: RayList) -> float:
+        if model.scale is not None:
+            return model.scale
+        if light.length_unit is None:
+            return 1.0
+        return length_in(light.length_unit, self.scene.length_unit)
+
+    def _nest(self, name: str, model: SourceModel) -> tuple[int, int]:
+        """Nest and medium in which the source's light starts."""
+        if model.inside is None:
+            return 0, self.world
+        if model.inside not in self.nests:
+            from tracer.scene.load import _nearest
+
+            raise self.fail(
+                f"{name}.inside",
+                f"there is no solid {model.inside!r}{_nearest(model.inside, self.nests)}",
+            )
+        return self.nests[model.inside]
+
+    # -- colour and flux -----------------------------------------------------------------------
+
+    def _light(self, name: str, model: SourceModel) -> SourceSpectrum | None:
+        """The spectrum of a source as a law over wavelength, None for white or R, G, B."""
+        try:
+            if isinstance(model.spectrum, SpectrumModel):
+                return model.spectrum.build()
+            if isinstance(model.spectrum, ByWavelength) and model.spectrum.rgb is None:
+                return tabulated_spectrum(
+                    model.spectrum.wavelength_nm, model.spectrum.value, name=name
+                )
+        except SceneError as error:
+            raise self.fail(f"{name}.spectrum", str(error)) from None
+        return None
+
+    def _color(self, name: str, model: SourceModel, light: SourceSpectrum | None) -> Array:
+        if light is not None:
+            try:
+                return source_shares(light, self.wavelengths, rgb=self.rgb)
+            except SceneError as error:
+                raise self.fail(f"{name}.spectrum", str(error)) from None
+        if isinstance(model.spectrum, ByWavelength):
+            color = model.spectrum.at(self.wavelengths, np.array(RGB_NM))
+        else:
+            color = np.ones(len(self.wavelengths))
+        if not np.all(np.isfinite(color)) or color.min() < 0.0 or color.sum() <= 0.0:
+            raise self.fail(
+                f"{name}.spectrum",
+                "has no light at the channels of the trace, or negative light; check the table",
+            )
+        return np.asarray(color / color.sum())
+
+    def _flux(self, name: str, model: SourceModel, k: int, light: SourceSpectrum | None) -> float:
+        """Flux of a source in the unit of the map."""
+        wanted = self.scene.flux_unit
+        given, unit = model.flux, model.flux_unit or wanted
+        measured = self.light[k]
+        if given is None and isinstance(measured, IntensityGrid) and measured.unit is not None:
+            given, unit = measured.flux, model.flux_unit or measured.unit
+        elif given is None and isinstance(measured, RayList) and measured.unit is not None:
+            total = measured.total if measured.total is not None else float(measured.flux.sum())
+            given, unit = total, model.flux_unit or measured.unit
+        try:
+            return convert_flux(
+                1.0 if given is None else given,
+                unit,
+                wanted,
+                light if light is not None else _spectrum_of(measured),
+                wavelengths_nm=None if self.rgb else self.wavelengths,
+                name=name,
+            )
+        except SceneError as error:
+            raise SceneError(f"{self.scene.origin}: {error}") from None
+
+    def _list(self, name: str, model: SourceModel, light: RayList) -> PooledList:
+        """The rays of a list with their colours in the channels of the trace."""
+        flux, color = light.flux, np.full(light.n_rays, -1, np.int64)
+        palette = np.zeros((0, len(self.wavelengths)))
+        if light.wavelength_nm is not None and model.spectrum == "white":
+            if self.rgb:
+                color, palette = _palette(light.wavelength_nm)
+            else:
+                color, inside = _channels(light.wavelength_nm, self.wavelengths)
+                flux = np.where(inside, flux, 0.0)
+                lost = 1.0 - float(flux.sum() / light.flux.sum())
+                if lost > 0.999999:
+                    raise self.fail(
+                        f"{name}.file",
+                        f"no wavelength of {light.name} ({light.wavelength_nm.min():g} to "
+                        f"{light.wavelength_nm.max():g} nm) lies in the channels of the trace; "
+                        "choose spectrum.wavelengths_nm there",
+                    )
+                if lost > 0.01:
+                    warnings.warn(
+                        f"source {name!r}: {lost:.1%} of the light of {light.name} lies outside "
+                        "the channels of the trace and is left out",
+                        OutOfRangeWarning,
+                        stacklevel=2,
+                    )
+        return PooledList(
+            positions=light.positions * np.float32(self._scale(model, light)),
+            directions=light.directions,
+            flux=np.asarray(flux, np.float64),
+            color=color,
+            palette=palette,
+            in_order=model.draw == "in_order",
+        )
+
+
+def _spectrum_of(light: IntensityGrid | RayList | None) -> SourceSpectrum | None:
+    """The spectrum that a list of rays has by its wavelengths."""
+    if not isinstance(light, RayList) or light.wavelength_nm is None or light.unit == "lm":
+        return None
+    from tracer.optics.spectrum import lines
+
+    nm, inverse = np.unique(np.round(light.wavelength_nm, 3), return_inverse=True)
+    power = np.bincount(inverse.reshape(-1), light.flux)
+    return lines(nm.tolist(), power.tolist())
+
+
+def _channels(nm: Array, channels_nm: Array) -> tuple[Integers, NDArray[np.bool_]]:
+    """Channel of each wavelength, and whether it lies in any channel's band."""
+    from tracer.optics.spectrum import channel_bands
+
+    edges = channel_bands(channels_nm)
+    place = np.searchsorted(edges, nm, side="right") - 1
+    inside = (place >= 0) & (place < len(channels_nm))
+    return np.clip(place, 0, len(channels_nm) - 1).astype(np.int64), inside
+
+
+def _palette(nm: Array) -> tuple[Integers, Array]:
+    """Colours of wavelengths in an RGB trace: rows of a palette, coded as -2 - row."""
+    from tracer.optics.spectrum import lines
+
+    steps, inverse = np.unique(np.round(nm), return_inverse=True)
+    rows: list[Array] = []
+    for value in steps:
+        try:
+            rows.append(lines([float(value)], [1.0]).rgb_shares())
+        except SceneError:
+            rows.append(np.ones(3) / 3.0)
+    return (-2 - inverse.reshape(-1)).astype(np.int64), np.array(rows)
