@@ -61,9 +61,11 @@ def register(app: typer.Typer) -> None:
     app.command("info")(info)
     app.command("verify")(verify)
     app.command("repair")(repair)
+    from raymap.foreign.cli import import_
     from raymap.rayfiles.cli import check_rays
 
     app.command("export")(export)
+    app.command("import")(import_)
     app.command("check-rays")(check_rays)
 
 
