@@ -313,6 +313,9 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
                             dx -= 2.0 * along * nx
                             dy -= 2.0 * along * ny
                             dz -= 2.0 * along * nz
+                    # Keep the direction of unit length: its error would grow fivefold a reflection
+                    scale = 1.5 - 0.5 * (dx * dx + dy * dy + dz * dz)
+                    dx, dy, dz = scale * dx, scale * dy, scale * dz
                     if crosses:
                         nest = beyond
                         if other != medium:

@@ -205,7 +205,10 @@ def _release(
         d[0] -= 2.0 * along * nx
         d[1] -= 2.0 * along * ny
         d[2] -= 2.0 * along * nz
-    live_f[3, i], live_f[4, i], live_f[5, i], live_f[WEIGHT, i] = d[0], d[1], d[2], d[3]
+    scale = 1.5 - 0.5 * (d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+    for k in range(3):
+        live_f[3 + k, i] = scale * d[k]
+    live_f[WEIGHT, i] = d[3]
     live_i[OWN, i], live_i[KEY, i] = face, 2 * face + (1 if d[axis] >= 0.0 else 0)
     if len(live_i) > OWN_BODY:
         live_i[OWN_BODY, i], live_i[OWN_TRIANGLE, i] = own_body, own_triangle
