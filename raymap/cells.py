@@ -78,7 +78,7 @@ def cell_measure(detector: Detector, length_unit: str) -> CellMeasure | None:
     metre = METRES.get(length_unit)
     if detector.kind == "far_field":
         angles = detector.parameters.get("gamma_deg")
-        if not _numbers(angles, 2):
+        if angles is None or not _numbers(angles, 2):
             return None
         edges = np.radians(np.linspace(angles[0], angles[1], shape[0] + 1))
         bands = 2.0 * np.pi / shape[1] * (np.cos(edges[:-1]) - np.cos(edges[1:]))
@@ -110,7 +110,7 @@ def _camera(detector: Detector, shape: tuple[int, int], metre: float) -> CellMea
     Howell, A catalog of radiation heat transfer configuration factors, B-13).
     """
     tangents = detector.parameters.get("half_field")
-    if not _numbers(tangents, 2):
+    if tangents is None or not _numbers(tangents, 2):
         return None
     x, y, element = _places(float(tangents[0]), float(tangents[1]), shape)
     r2 = x * x + y * y

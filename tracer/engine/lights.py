@@ -66,7 +66,7 @@ def _emit_measured(
     s = source_f[source]
     area, kind = source_i[source, L_AREA], source_i[source, L_DIRECTIONS]
     code = source_i[source, L_CODE]
-    first = np.int64(s[21])
+    first = int(s[21])
     if area == FROM_LIST:
         return _emit_listed(
             s, pool, rays, first, source, turn, code, colors, counters, seed, ray_id, state
@@ -127,7 +127,7 @@ def sample_intensity(pool: F64, first: int, state: np.uint64) -> tuple[float, fl
     then a direction in it is drawn evenly per solid angle and kept with I over its highest value
     there.
     """
-    n, m = np.int64(pool[first]), np.int64(pool[first + 1])
+    n, m = int(pool[first]), int(pool[first + 1])
     gammas = first + 2
     planes = gammas + n + 1
     running = planes + m + 1
@@ -161,7 +161,7 @@ def _place_in_picture(
     s: F64, pool: F64, first: int, code: int, colors: F64, counters: I64, state: np.uint64
 ) -> tuple[float, float, int, np.uint64]:
     """Place in a picture by its light, and the colour of the pixel."""
-    n, m = np.int64(pool[first]), np.int64(pool[first + 1])
+    n, m = int(pool[first]), int(pool[first + 1])
     state = advance(state)
     pixel = _find(pool, first + 2, n * m, uniform(state))
     state = advance(state)
@@ -184,25 +184,25 @@ def _emit_listed(
     fluxes, v being one random number for each round through the list: rays of equal flux come one
     after the other, others as often as their flux says.
     """
-    n = np.int64(pool[first + 1])
+    n = int(pool[first + 1])
     if pool[first + 3] > 0.0:
-        length = np.int64(pool[first + 5])
-        k = (ray_id // length) * np.int64(pool[first + 4]) + np.int64(pool[first + 7 + turn])
+        length = int(pool[first + 5])
+        k = (ray_id // length) * int(pool[first + 4]) + int(pool[first + 7 + turn])
         shift = uniform(advance(stream_state(seed ^ (_SALT + source), k // n)))
         place = (k % n + shift) / n
     else:
         state = advance(state)
         place = uniform(state)
     if pool[first + 2] > 0.0:
-        chosen = min(n - 1, np.int64(place * n))
+        chosen = min(n - 1, int(place * n))
     else:
-        chosen = _find(pool, first + 7 + np.int64(pool[first + 5]), n, place)
-    row = rays[np.int64(pool[first]) + chosen]
-    color = np.int64(row[6])
+        chosen = _find(pool, first + 7 + int(pool[first + 5]), n, place)
+    row = rays[int(pool[first]) + chosen]
+    color = int(row[6])
     if color >= 0:
         code = color
     elif color <= -2:
-        palette = np.int64(pool[first + 6]) + (-2 - color) * colors.shape[1]
+        palette = int(pool[first + 6]) + (-2 - color) * colors.shape[1]
         code = _color_of(pool, palette, colors, counters)
     # Turn from the frame of the source
     a, b, c = np.float64(row[0]), np.float64(row[1]), np.float64(row[2])
@@ -221,14 +221,14 @@ def _emit_listed(
 @inner_kernel
 def _color_of(pool: F64, first: int, colors: F64, counters: I64) -> int:
     """Code of a colour that stands in the pool: its only channel, or a new row."""
-    n_channels = colors.shape[1]
-    new = counters[COLORS]
+    n_channels: int = colors.shape[1]
+    new = int(counters[COLORS])
     for k in range(n_channels):
         if pool[first + k] == 1.0:
             return k
         colors[new, k] = pool[first + k]
     counters[COLORS] = new + 1
-    return n_channels + int(new)
+    return n_channels + new
 
 
 @inner_kernel

@@ -146,8 +146,8 @@ class DetectorTable:
             kind=kind,  # type: ignore[arg-type]
             cells=model.cells,
             center=model.position,
-            axis_u=u,  # type: ignore[arg-type]
-            axis_v=v,  # type: ignore[arg-type]
+            axis_u=u,
+            axis_v=v,
             size=size,
             blocking=model.blocking,
             uv_meaning=meaning,  # type: ignore[arg-type]

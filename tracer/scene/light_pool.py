@@ -102,6 +102,10 @@ class LightPool:
             np.array([total]),
         )
 
+    def add_ring(self) -> int:
+        """A tilted ring needs no table, but the engine that knows of it."""
+        return self._add(np.zeros(1))
+
     def add_picture(self, linear_rgb: Array) -> int:
         """Place of a picture (rows, columns, 3), linear, row 0 at the bottom."""
         height, width = linear_rgb.shape[:2]

@@ -175,7 +175,7 @@ class SourceTable:
             row[18:21] = frame[:, 2]
         if model.kind == "ring" and model.tilt_deg != 0.0:
             area = FROM_RING
-            row[22] = math.radians(model.tilt_deg)
+            row[21], row[22] = pool.add_ring(), math.radians(model.tilt_deg)
         if model.kind == "picture" and model.on:
             from tracer.scene.pictures import read_picture
 
@@ -291,7 +291,7 @@ class SourceTable:
             given, unit = measured.flux, model.flux_unit or measured.unit
         elif given is None and isinstance(measured, RayList) and measured.unit is not None:
             total = measured.total if measured.total is not None else float(measured.flux.sum())
-            given, unit = total, model.flux_unit or measured.unit
+            given, unit = total * self._kept(model, measured), model.flux_unit or measured.unit
         try:
             return convert_flux(
                 1.0 if given is None else given,
@@ -303,6 +303,13 @@ class SourceTable:
             )
         except SceneError as error:
             raise SceneError(f"{self.scene.origin}: {error}") from None
+
+    def _kept(self, model: SourceModel, light: RayList) -> float:
+        """Share of a list's flux whose wavelengths lie in the channels of the trace."""
+        if self.rgb or light.wavelength_nm is None or model.spectrum != "white":
+            return 1.0
+        _, inside = _channels(light.wavelength_nm, self.wavelengths)
+        return float(light.flux[inside].sum() / light.flux.sum())
 
     def _list(self, name: str, model: SourceModel, light: RayList) -> PooledList:
         """The rays of a list with their colours in the channels of the trace."""

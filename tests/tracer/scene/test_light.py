@@ -1,0 +1,406 @@
+"""Measured light: intensity grids, pictures, rings and lists of rays as sources."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from raymap.errors import SceneError
+from raymap.portion import Portion
+from tests.tracer.chi2 import SIGNIFICANCE, chi2_counts, chi2_sphere
+from tests.tracer.engine.tracing import compiled, trace
+from tracer.engine.wavefront import Wavefront
+from tracer.light import IntensityGrid, RayList
+from tracer.scene.compile import compile_scene
+from tracer.scene.load import parse_scene
+from tracer.scene.model import Scene
+from tracer.scene.source_model import SourceModel
+
+GAMMA = [0.0, 20.0, 45.0, 70.0, 90.0]
+HALF_TABLE = """
+gamma_deg = [0, 20, 45, 70, 90]
+c_deg = [0, 60, 120, 180]
+value = [[5, 5, 5, 5], [6, 4, 3, 2], [2, 3, 4, 5], [1, 0.5, 0, 0.5], [0, 0, 0, 0]]
+"""
+
+
+def with_source(model: SourceModel, text: str = "", **spectrum: object) -> Scene:
+    """A scene of one source made in Python."""
+    scene = parse_scene('length_unit = "mm"\n' + text)
+    return scene.model_copy(update={"sources": {"lamp": model}, **spectrum})
+
+
+def emitted(scene: Scene, n: int, *, first: int = 0) -> Portion:
+    compilation = compile_scene(scene)
+    return Wavefront(compilation.arrays, 1, meshes=compilation.solids).trace(first, n)
+
+
+def starts(portion: Portion) -> NDArray[np.int64]:
+    return np.concatenate(([0], np.cumsum(portion.records_per_ray, dtype=np.int64)))[:-1]
+
+
+def directions(portion: Portion) -> NDArray[np.float64]:
+    """Of rays that meet nothing: their last record keeps the direction."""
+    last = np.cumsum(portion.records_per_ray, dtype=np.int64) - 1
+    out = portion.normal[last] / 32767.0
+    return np.asarray(out / np.linalg.norm(out, axis=1, keepdims=True))
+
+
+# -- intensity grids -----------------------------------------------------------------------------
+
+
+def test_flux_of_a_grid_is_the_integral_over_its_directions() -> None:
+    grid = IntensityGrid(gamma_deg=np.linspace(0, 180, 7), c_deg=[0], intensity=np.full(7, 3.0))
+    assert grid.flux == pytest.approx(12.0 * math.pi)
+    # Linear in gamma: I = 1 - gamma / (pi / 2) over a hemisphere
+    cone = IntensityGrid(gamma_deg=[0, 90], c_deg=[0], intensity=[[1], [0]])
+    assert cone.flux == pytest.approx(2 * math.pi * (1 - 2 / math.pi))
+
+
+@pytest.mark.parametrize(
+    "planes",
+    [[0, 30, 90], [0, 90, 180], [90, 180, 270], [-90, 0, 90], range(0, 360, 15), range(0, 361, 15)],
+)
+def test_symmetric_tables_say_the_same_all_around(planes: list[float]) -> None:
+    angles = np.array(list(planes), float)
+    if angles[0] in (90.0, -90.0):
+        values = 2.0 + np.sin(np.radians(angles))
+        around = 2.0 + np.sin(np.radians(np.array([0.0, 90, 180, 270])))
+    else:
+        values = 2.0 + np.cos(np.radians(2 * angles))
+        around = 2.0 + np.cos(np.radians(2 * np.array([0.0, 90, 180, 270])))
+    grid = IntensityGrid(gamma_deg=[0, 180], c_deg=angles, intensity=np.tile(values, (2, 1)))
+    assert grid.at(90.0, [0, 90, 180, 270]) == pytest.approx(around)
+    assert grid.full()[0][-1] - grid.full()[0][0] == pytest.approx(360.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"intensity": [[1], [-1]]}, "negative"),
+        ({"intensity": [[1], [math.nan]]}, "gap"),
+        ({"gamma_deg": [30, 10]}, "rise"),
+        ({"c_deg": [0, 70], "intensity": [[1, 1], [1, 1]]}, "0 .. 90"),
+        ({"intensity": [[0], [0]]}, "not 0 everywhere"),
+    ],
+)
+def test_grids_that_make_no_light_are_refused(change: dict[str, object], message: str) -> None:
+    given = {"gamma_deg": [0, 90], "c_deg": [0], "intensity": [[1], [1]]} | change
+    with pytest.raises(SceneError, match=message):
+        IntensityGrid(**given)  # type: ignore[arg-type]
+
+
+def test_rays_follow_the_intensity_table() -> None:
+    scene = parse_scene(
+        f"""
+length_unit = "mm"
+[sources.lamp]
+kind = "intensity"
+[sources.lamp.intensity]
+{HALF_TABLE}
+"""
+    )
+    table = scene.sources["lamp"].intensity
+    assert table is not None
+    grid = table.build("lamp")
+
+    def pdf(x: float, y: float, z: float) -> float:
+        gamma = math.degrees(math.acos(max(-1.0, min(1.0, z))))
+        return float(grid.at(gamma, -math.degrees(math.atan2(y, x)))) / grid.flux
+
+    chi2_sphere(directions(emitted(scene, 200_000)), pdf, cells=(20, 24), gauss=10)
+
+
+def test_c_planes_turn_as_on_a_luminaire_that_shines_down() -> None:
+    table = "gamma_deg = [0, 60, 90]\nc_deg = [0, 80, 90, 100, 180, 270]\n"
+    table += "value = [[0,0,0,0,0,0], [0,0,1,0,0,0], [0,0,0,0,0,0]]"
+    scene = parse_scene(
+        'length_unit = "mm"\n[sources.lamp]\nkind = "intensity"\naxis = [0, 0, -1]\n'
+        f"[sources.lamp.intensity]\n{table}\n"
+    )
+    mean = directions(emitted(scene, 4_000)).mean(axis=0)
+    assert mean[1] > 0.7
+    assert abs(mean[0]) < 0.02
+    assert mean[2] < 0.0
+
+
+def test_theta_and_phi_turn_right_handed_about_the_axis() -> None:
+    grid = IntensityGrid.from_theta_phi(
+        [0, 60, 90], np.arange(0, 360, 30), np.outer([0, 1, 0], np.arange(12) == 3)
+    )
+    model = SourceModel(kind="intensity", light=grid)
+    mean = directions(emitted(with_source(model), 4_000)).mean(axis=0)
+    assert mean[1] > 0.6
+    assert abs(mean[0]) < 0.05
+
+
+def test_flux_comes_from_the_table_unless_given() -> None:
+    grid = IntensityGrid(gamma_deg=[0, 180], c_deg=[0], intensity=[[10], [10]], unit="lm")
+    lumen = {"flux_unit": "lm"}
+    scene = with_source(SourceModel(kind="intensity", light=grid), **lumen)
+    assert compile_scene(scene).directory.sources[0].flux == pytest.approx(40 * math.pi)
+    scene = with_source(SourceModel(kind="intensity", light=grid, flux=7.0), **lumen)
+    assert compile_scene(scene).directory.sources[0].flux == 7.0
+    with pytest.raises(SceneError, match="cannot become W without a spectrum"):
+        compile_scene(with_source(SourceModel(kind="intensity", light=grid)))
+    watt = with_source(
+        SourceModel.model_validate({"kind": "intensity", "light": grid, "spectrum": "D65"})
+    )
+    assert compile_scene(watt).directory.sources[0].flux == pytest.approx(
+        40 * math.pi / 203, rel=0.02
+    )
+
+
+def test_light_starts_evenly_from_the_opening() -> None:
+    grid = IntensityGrid(
+        gamma_deg=[0, 90], c_deg=[0], intensity=[[1], [1]], opening=(0.02, 0.01), length_unit="m"
+    )
+    found = emitted(with_source(SourceModel(kind="intensity", light=grid)), 20_000)
+    places = found.position[starts(found)]
+    assert np.allclose(np.abs(places).max(axis=0), [10.0, 5.0, 0.0], atol=0.01)
+    counts = np.histogram2d(places[:, 0], places[:, 1], bins=(8, 4))[0]
+    assert chi2_counts(counts, np.full(counts.shape, 20_000 / 32)) > SIGNIFICANCE
+
+
+# -- pictures and rings --------------------------------------------------------------------------
+
+
+def test_a_picture_emits_what_it_shows(tmp_path: Path) -> None:
+    picture = np.random.default_rng(3).random((6, 8, 3))
+    picture[0, :, :] = [1.0, 0.0, 0.0]
+    picture[2, 3] = 0.0
+    np.save(tmp_path / "flag.npy", picture)
+    scene = parse_scene(
+        """
+length_unit = "mm"
+[sources.screen]
+kind = "picture"
+file = "flag.npy"
+size = [8, 6]
+""",
+        folder=tmp_path,
+    )
+    n = 60_000
+    found = emitted(scene, n)
+    at = starts(found)
+    places, codes = found.position[at], found.color_code[at]
+    colors = np.concatenate([np.eye(3) * 65535, found.color_table])[codes] / 65535.0
+    column = np.clip((places[:, 0] + 4.0).astype(int), 0, 7)
+    row = np.clip((3.0 - places[:, 1]).astype(int), 0, 5)
+    light = picture.sum(axis=2) / picture.sum()
+    counts = np.zeros((6, 8))
+    np.add.at(counts, (row, column), 1.0)
+    assert chi2_counts(counts, light * n) > SIGNIFICANCE
+    # Each pixel has its colour
+    wanted = picture[row, column] / picture[row, column].sum(axis=1, keepdims=True)
+    assert np.abs(colors - wanted).max() < 2e-5
+    # A one-coloured pixel needs no mixture
+    assert set(codes[row == 0].tolist()) == {0}
+
+
+def test_a_picture_in_srgb_is_linearised(tmp_path: Path) -> None:
+    image = pytest.importorskip("PIL.Image")
+    image.fromarray(np.array([[[255, 188, 0]]], np.uint8)).save(tmp_path / "orange.png")
+    text = 'length_unit = "mm"\n[sources.s]\nkind = "picture"\nfile = "orange.png"\nsize = [1, 1]\n'
+    found = emitted(parse_scene(text, folder=tmp_path), 100)
+    color = found.color_table[found.color_code[0] - 3] / 65535.0
+    assert color == pytest.approx([1 / 1.5029, 0.5029 / 1.5029, 0.0], abs=2e-4)
+    with pytest.raises(SceneError, match=r"sources\.s\.file: there is no picture"):
+        compile_scene(parse_scene(text.replace("orange", "pear"), folder=tmp_path))
+
+
+def test_a_tilted_ring_shines_towards_its_axis() -> None:
+    found = trace(
+        """
+[sources.ring]
+kind = "ring"
+diameter = 20
+inner_diameter = 10
+tilt_deg = 30
+""",
+        40_000,
+    )
+    at = starts(found.portion)
+    places = found.portion.position[at].astype(np.float64)
+    radius = np.hypot(places[:, 0], places[:, 1])
+    counts = np.histogram(radius**2, bins=np.linspace(25.0, 100.0, 16))[0]
+    assert chi2_counts(counts.astype(float), np.full(15, 40_000 / 15)) > SIGNIFICANCE
+    along = directions(found.portion)
+    normal = np.column_stack(
+        [-0.5 * places[:, :2] / radius[:, None], np.full(40_000, math.sqrt(0.75))]
+    )
+    cosine = (along * normal).sum(axis=1)
+    assert cosine.min() > -1e-4
+    # Lambertian: cos² is uniform
+    counts = np.histogram(cosine**2, bins=np.linspace(0, 1, 21))[0]
+    assert chi2_counts(counts.astype(float), np.full(20, 2_000.0)) > SIGNIFICANCE
+    recorded = found.portion.normal[at] / 32767.0
+    assert np.allclose(recorded, normal, atol=1e-4)
+
+
+# -- lists of rays -------------------------------------------------------------------------------
+
+
+def listed(n: int, flux: NDArray[np.float64], **rest: object) -> RayList:
+    angle = np.linspace(0.0, 1.0, n)
+    return RayList(
+        positions=np.column_stack([np.arange(n), np.zeros(n), np.zeros(n)]),
+        directions=np.column_stack([np.sin(angle), np.zeros(n), np.cos(angle)]),
+        flux=flux,
+        **rest,  # type: ignore[arg-type]
+    )
+
+
+def test_rays_are_drawn_by_their_flux() -> None:
+    flux = np.arange(1.0, 41.0)
+    model = SourceModel(kind="rays", light=listed(40, flux, unit="W"))
+    scene = with_source(model)
+    compilation = compile_scene(scene)
+    assert compilation.directory.sources[0].flux == pytest.approx(flux.sum())
+    found = emitted(scene, 50_000)
+    drawn = np.round(found.position[starts(found), 0]).astype(int)
+    counts = np.bincount(drawn, minlength=40).astype(float)
+    assert chi2_counts(counts, flux / flux.sum() * 50_000) > SIGNIFICANCE
+    along = directions(found)
+    assert np.allclose(np.arctan2(along[:, 0], along[:, 2]), drawn / 39.0, atol=1e-4)
+
+
+def test_equal_rays_come_one_by_one_in_order() -> None:
+    scene = with_source(SourceModel(kind="rays", light=listed(37, np.ones(37)), draw="in_order"))
+    found = emitted(scene, 100)
+    drawn = np.round(found.position[starts(found), 0]).astype(int)
+    assert drawn.tolist() == [k % 37 for k in range(100)]
+    later = emitted(scene, 10, first=50)
+    again = np.round(later.position[starts(later), 0]).astype(int)
+    assert again.tolist() == [k % 37 for k in range(50, 60)]
+
+
+def test_unequal_rays_in_order_come_as_often_as_their_flux_says() -> None:
+    flux = np.array([0.2, 1.0, 3.0, 0.7, 0.0, 2.1])
+    scene = with_source(SourceModel(kind="rays", light=listed(6, flux), draw="in_order"))
+    found = emitted(scene, 6_000)
+    drawn = np.round(found.position[starts(found), 0]).astype(int)
+    share = np.bincount(drawn, minlength=6) / 6_000
+    # Far closer than independent draws: each round of six differs by less than one
+    assert np.abs(share - flux / flux.sum()).max() < 0.01
+
+
+def test_two_sources_share_the_numbers_of_a_list_in_order() -> None:
+    scene = parse_scene('length_unit = "mm"\n[sources.x]\nkind = "point"\nflux = 2\n')
+    rays = SourceModel(kind="rays", light=listed(11, np.ones(11)), draw="in_order")
+    scene = scene.model_copy(update={"sources": {**scene.sources, "rays": rays}})
+    found = emitted(scene, 9_000)
+    mine = found.source == 1
+    drawn = np.round(found.position[starts(found)][mine, 0]).astype(int)
+    assert drawn.tolist() == [k % 11 for k in range(int(mine.sum()))]
+
+
+def test_wavelengths_of_rays_choose_their_channels() -> None:
+    light = listed(4, np.ones(4), wavelength_nm=np.array([450.0, 548.0, 552.0, 690.0]))
+    text = """
+[spectrum]
+kind = "spectral"
+wavelengths_nm = [450, 550, 650]
+"""
+    scene = with_source(SourceModel(kind="rays", light=light, draw="in_order"), text)
+    wide = listed(4, np.ones(4), unit="W", wavelength_nm=np.array([450.0, 548.0, 552.0, 900.0]))
+    with pytest.warns(UserWarning, match="25.0% of the light"):
+        found = compile_scene(with_source(SourceModel(kind="rays", light=wide), text))
+    assert found.directory.sources[0].flux == pytest.approx(3.0)
+    seen = emitted(scene, 8)
+    assert seen.color_code[starts(seen)].tolist() == [0, 1, 1, 2] * 2
+    # In an RGB trace they have the colours of their wavelengths
+    seen = emitted(with_source(SourceModel(kind="rays", light=light, draw="in_order")), 4)
+    codes = seen.color_code[starts(seen)]
+    colors = np.concatenate([np.eye(3) * 65535, seen.color_table])[codes]
+    assert colors[0].argmax() == 2
+    assert colors[1].argmax() == 1
+    assert colors[3].argmax() == 0
+
+
+def test_lengths_and_place_of_a_list() -> None:
+    light = RayList(positions=[[1, 2, 3]], directions=[[0, 0, 2]], flux=[1.0], length_unit="cm")
+    model = SourceModel(kind="rays", light=light, position=(100, 0, 0), axis=(1, 0, 0))
+    found = emitted(with_source(model), 3)
+    assert np.allclose(found.position[0], [130.0, 20.0, -10.0], atol=1e-4)
+    assert np.allclose(directions(found)[0], [1, 0, 0], atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"flux": [-1.0, 1.0]}, "ray 0"),
+        ({"directions": [[0, 0, 1], [0, 0, 0]]}, "ray 1"),
+        ({"flux": [0.0, 0.0]}, "flux 0"),
+        ({"positions": [[0, 0, 0]]}, "needs positions"),
+    ],
+)
+def test_lists_that_make_no_light_are_refused(change: dict[str, object], message: str) -> None:
+    given = {"positions": np.zeros((2, 3)), "directions": [[0, 0, 1]] * 2, "flux": [1.0, 1.0]}
+    with pytest.raises(SceneError, match=message):
+        RayList(**(given | change))  # type: ignore[arg-type]
+
+
+# -- in the scene file ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('kind = "intensity"', r"sources\.s: give one of intensity"),
+        ('kind = "rays"', "give a file of rays"),
+        ('kind = "rays"\nfile = "a.xyz"', "no reader for 'a.xyz'"),
+        ('kind = "intensity"\nfile = "a.ies"', "there is no file"),
+        ('kind = "point"\ntilt_deg = 3', "a point source has no tilt_deg"),
+        ('kind = "ring"', "needs a diameter"),
+        ('kind = "picture"\nsize = [1, 1]', "picture file"),
+        ('kind = "point"\nspectrum = "D66"', "no illuminant 'D66'"),
+        (
+            'kind = "point"\nspectrum = { wavelength_nm = [400, 500, 700], value = [1, 1, 1] }',
+            "gap",
+        ),
+        ('kind = "point"\nspectrum = { wavelength_nm = [400, 410], value = [1, nan] }', "gap"),
+        ('kind = "point"\nflux = 3\nflux_unit = "lm"', "cannot become W without a spectrum"),
+        ('kind = "point"\nspectrum = { led = { peak_nm = 525 }, blackbody = 3000 }', "exactly one"),
+    ],
+)
+def test_bad_sources_are_refused_in_one_line(text: str, message: str) -> None:
+    with pytest.raises(SceneError, match=message) as caught:
+        compiled(f"[sources.s]\n{text}\n")
+    assert "\n" not in str(caught.value)
+
+
+def test_flux_in_lumen_becomes_watts_through_the_spectrum() -> None:
+    found = compiled(
+        """
+[spectrum]
+kind = "spectral"
+wavelengths_nm = [535, 545, 555, 565, 575]
+[sources.green]
+kind = "point"
+flux = 683
+flux_unit = "lm"
+spectrum = { lines = { wavelength_nm = [555], power = [1] } }
+[sources.warm]
+kind = "point"
+spectrum = { blackbody = 3000 }
+"""
+    )
+    assert found.directory.sources[0].flux == pytest.approx(1.0, rel=1e-4)
+    colors = np.array(found.channel_set.source_colors)
+    assert colors[0] == pytest.approx([0, 0, 1, 0, 0])
+    assert np.all(np.diff(colors[1]) > 0.0)
+
+
+def test_scene_hash_follows_the_files_of_light(tmp_path: Path) -> None:
+    text = 'length_unit = "mm"\n[sources.s]\nkind = "picture"\nfile = "a.npy"\nsize = [1, 1]\n'
+    hashes = []
+    for value in (1.0, 2.0):
+        np.save(tmp_path / "a.npy", np.array([[value, 1.0]]))
+        scene = parse_scene(text, folder=tmp_path)
+        hashes.append(compile_scene(scene).directory.scene_hash)
+    assert hashes[0] != hashes[1]
