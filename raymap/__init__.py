@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from raymap.arrow import export
     from raymap.checks import check_portion
+    from raymap.client import connect
     from raymap.directory import (
         BoundingSphere,
         ChannelSet,
@@ -57,6 +58,7 @@ if TYPE_CHECKING:
 _PLACES = {
     "raymap.arrow": ["export"],
     "raymap.checks": ["check_portion"],
+    "raymap.client": ["connect"],
     "raymap.directory": [
         "BoundingSphere",
         "ChannelSet",
@@ -146,6 +148,7 @@ __all__ = [
     "UnknownName",
     "UnsupportedVersion",
     "check_portion",
+    "connect",
     "copy_selection",
     "event_names",
     "export",

@@ -1,0 +1,139 @@
+"""Applications opened for the user, and what was drawn in them."""
+
+from __future__ import annotations
+
+import secrets
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+from raymap.errors import RayMapError
+from service.library import Library
+from service.limits import Limits
+from service.requests import BadRequest, Request
+
+if TYPE_CHECKING:
+    from raymap.reader import RayMap
+    from viewer.server import RunningServer
+
+__all__ = ["Applications"]
+
+_LOOK_SECONDS = 0.1
+
+
+@dataclass(frozen=True)
+class _Opened:
+    """One application and the map that it shows."""
+
+    name: str
+    map: RayMap
+    server: RunningServer
+
+
+class Applications:
+    """The applications that clients opened; each is the trame application of `raymap view`."""
+
+    def __init__(self, library: Library, limits: Limits, *, browser: bool) -> None:
+        self.library, self.limits, self.browser = library, limits, browser
+        self._opened: dict[str, _Opened] = {}
+        self._lock = threading.Lock()
+
+    def open(self, request: Request) -> dict[str, Any]:
+        """Open the application; answers its key and its address.
+
+        Raises
+        ------
+        MissingExtra
+            what the application needs is not installed.
+        """
+        from viewer.server import run_in_thread
+        from viewer.state import ViewState
+
+        name, criterion = request.text("map"), request.criterion()
+        detector, browser = request.text("detector", None), request.flag("browser")
+        request.finish()
+        with self._lock:
+            if len(self._opened) >= self.limits.views:
+                raise RayMapError(
+                    f"{self.limits.views} applications are open already: close one with close_view"
+                )
+        ray_map = self.library.open(name)
+        try:
+            known = [item.name for item in ray_map.directory.detectors]
+            if detector is not None and detector not in known:
+                raise BadRequest(f"view: the map has no detector {detector!r}; it has {known}")
+            text = "" if criterion is None else str(criterion)
+            state = ViewState(criterion=text, detector=detector)
+            server = run_in_thread(ray_map, state)
+        except BaseException:
+            ray_map.close()
+            raise
+        if not server.url:
+            ray_map.close()
+            raise RayMapError("the application did not start within a minute")
+        if browser and self.browser:
+            server.show()
+        key = secrets.token_hex(8)
+        with self._lock:
+            self._opened[key] = _Opened(name, ray_map, server)
+        return {"view": key, "map": name, "url": server.url}
+
+    def drawn(self, request: Request, gone: Callable[[], bool]) -> dict[str, Any]:
+        """What the user has entered and drawn, at once or when it changes."""
+        key = request.text("view")
+        since = request.text("since", None)
+        seconds = request.number("wait_seconds", 0.0, self.limits.wait_seconds, 0.0)
+        request.finish()
+        end = time.monotonic() + seconds
+        while True:
+            answer = self._look(key)
+            if answer["state"] != since or time.monotonic() >= end or gone():
+                return answer
+            time.sleep(_LOOK_SECONDS)
+
+    def close_view(self, request: Request) -> dict[str, Any]:
+        """Close one application."""
+        key = request.text("view")
+        request.finish()
+        with self._lock:
+            opened = self._opened.pop(key, None)
+        if opened is None:
+            raise BadRequest(f"close_view: no application {key!r} is open")
+        _end(opened)
+        return {"closed": key}
+
+    def close(self) -> None:
+        """Close all."""
+        with self._lock:
+            all_of_them = list(self._opened.values())
+            self._opened.clear()
+        for opened in all_of_them:
+            _end(opened)
+
+    def _look(self, key: str) -> dict[str, Any]:
+        with self._lock:
+            opened = self._opened.get(key)
+        if opened is None:
+            raise BadRequest(f"drawn: no application {key!r} is open")
+        application = opened.server.application
+        state, region = application.session.state, application.inquiry.region()
+        drawn: dict[str, Any] = {
+            "view": key,
+            "map": opened.name,
+            "criterion": state.criterion,
+            "detector": application.inquiry.detector_name(),
+            "region": None if region is None else asdict(region),
+            "ray": state.ray,
+            "paths": list(state.paths),
+            "answered": int(application.page.answered),
+        }
+        marks = {name: value for name, value in drawn.items() if name != "answered"}
+        drawn["state"] = f"{hash(repr(sorted(marks.items()))) & (2**64 - 1):016x}"
+        return drawn
+
+
+def _end(opened: _Opened) -> None:
+    opened.server.stop()
+    opened.map.close()

@@ -1,0 +1,63 @@
+"""Files that clients put into the served folder: scenes, meshes, CAD, tables; bounded."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from raymap.errors import MapExists, RayMapError
+from service.confine import ServedFolder
+from service.requests import BadRequest, Request
+
+__all__ = ["KINDS", "take_file"]
+
+KINDS = (
+    ".toml", ".csv", ".stl", ".obj", ".ply", ".off", ".3mf", ".glb", ".gltf", ".step", ".stp",
+    ".iges", ".igs", ".brep", ".zmx", ".seq", ".agf", ".ies", ".ldt", ".png", ".tm25ray", ".dat",
+    ".sdf",
+)  # fmt: skip
+
+
+def take_file(request: Request, folder: ServedFolder, reader: Any) -> Path:
+    """Write an uploaded file: all binary values of the stream's first column, one after the other.
+
+    Raises
+    ------
+    OutsideFolder, BadRequest, MapExists
+    RayMapError
+        It is too large.
+    """
+    name, force = request.text("file"), request.flag("force")
+    request.finish()
+    target = folder.path(name)
+    if target.suffix.lower() not in KINDS:
+        raise BadRequest(f"upload: {name!r} is not of a kind that scenes use ({' '.join(KINDS)})")
+    if target.exists() and not (force and target.is_file()):
+        raise MapExists(f"upload: {name!r} exists and stays as it is; 'force' replaces it")
+    beside = target.with_name(f".{target.name}.{secrets.token_hex(4)}")
+    most, size = request.limits.upload_bytes, 0
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with beside.open("xb") as file:
+            for chunk in reader:
+                if chunk.data is None or not chunk.data.num_columns:
+                    continue
+                for value in chunk.data.column(0).to_pylist():
+                    if not isinstance(value, bytes):
+                        raise BadRequest("upload: the first column must be binary")
+                    size += len(value)
+                    if size > most:
+                        raise RayMapError(
+                            f"upload: {name!r} has more than the {most} bytes that are taken"
+                        )
+                    file.write(value)
+        os.replace(beside, target)
+    except OSError as error:
+        raise RayMapError(f"upload: {name!r} cannot be written: {error.strerror}") from None
+    finally:
+        with suppress(OSError):
+            beside.unlink(missing_ok=True)
+    return target
