@@ -9,10 +9,18 @@ import typer
 
 if TYPE_CHECKING:
     from tracer.record import Progress, RecordResult
+    from tracer.scene.model import Scene
 
 __all__ = ["register"]
 
-SceneArgument = Annotated[Path, typer.Argument(help="A scene file (TOML).", show_default=False)]
+SceneArgument = Annotated[
+    Path,
+    typer.Argument(help="A scene (TOML) or lens file (.zmx, .seq).", show_default=False),
+]
+Simulation = Annotated[
+    str | None,
+    typer.Option("--simulation", help="Take what [simulations.NAME] of the scene says."),
+]
 Variant = Annotated[
     list[str] | None,
     typer.Option("--variant", help="Lay a [variants.NAME] table over the scene; repeatable."),
@@ -57,6 +65,7 @@ def record(
         ),
     ] = None,
     variant: Variant = None,
+    simulation: Simulation = None,
     json: Json = False,
 ) -> None:
     """Trace a scene and record every light path."""
@@ -65,11 +74,10 @@ def record(
 
     from raymap.cli import emit_json
     from tracer.record import record as record_scene
-    from tracer.scene.load import load_scene
 
     if output is None and not no_rays:
         raise typer.BadParameter("name the map to write with -o MAP", param_hint="--output")
-    loaded = load_scene(scene, variants=variant or ())
+    loaded = _load(scene, variant, simulation)
     if scheduler is not None:
         from raymap.cluster import scheduler_executor
     workers = nullcontext() if scheduler is None else scheduler_executor(scheduler)
@@ -102,6 +110,20 @@ def record(
         _print_result(result, output)
     if result.interrupted:
         raise typer.Exit(130)
+
+
+def _load(path: Path, variants: list[str] | None, simulation: str | None) -> Scene:
+    """Load a scene; what its files were taken with goes to stderr, line by line."""
+    import warnings
+
+    from tracer.scene.load import load_scene
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        loaded = load_scene(path, variants=variants or (), simulation=simulation)
+    for text in dict.fromkeys(str(item.message) for item in caught):
+        typer.echo(f"warning: {text}", err=True)
+    return loaded
 
 
 def _as_json(result: RecordResult) -> dict[str, Any]:
@@ -176,14 +198,14 @@ def check(
         Path | None, typer.Option("--output", "-o", help="Write a section drawing (SVG).")
     ] = None,
     variant: Variant = None,
+    simulation: Simulation = None,
     json: Json = False,
 ) -> None:
     """Validate a scene without tracing; first-order numbers and a section drawing of a lens."""
     from raymap.cli import emit_json
-    from tracer.scene.load import load_scene
     from tracer.studies.lens import examine
 
-    loaded = load_scene(scene, variants=variant or ())
+    loaded = _load(scene, variant, simulation)
     report = examine(loaded)
     if output is not None:
         from tracer.studies.section import draw_section

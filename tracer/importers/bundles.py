@@ -204,10 +204,11 @@ class Bundles:
             rim[:, 0] *= np.where(rim[:, 0] > 0.0, right, left)
             rim[:, 1] *= np.where(rim[:, 1] > 0.0, up, down)
         if self.sequence.prescription.telecentric and origin.height is not None:
-            return np.array(origin.height) + abs(self.marginal[1] * self.sequence.z[0]) * rim
+            reach = abs(self.marginal[1] * self.sequence.z[0])
+            return np.asarray(np.array(origin.height) + reach * rim)
         a, b = self.sequence.stop_matrix(self.primary)
         turned = math.copysign(1.0, a - b / self.sequence.z[0] if self.sequence.finite else a)
-        return self.aim(origin, turned * self.stop_radius * rim)
+        return np.asarray(self.aim(origin, turned * self.stop_radius * rim))
 
     # -- fields ----------------------------------------------------------------------------------
 

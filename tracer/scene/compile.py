@@ -140,7 +140,7 @@ class _Compiler:
             distance=candidates.distance,
             settle=candidates.settle,
             settles=candidates.settles,
-            tables=tables if rare or _needs_tables(surface_i, self.media.integers) else None,
+            tables=tables if _needs_tables(surface_i, self.media.integers) else None,
             sphere=np.array([*center, radius]),
             limits=np.array([scene.limits.depth, world, detectors.virtual], np.int64),
             rare=rare,
@@ -195,6 +195,7 @@ class _Compiler:
             detectors=tuple(self.detectors.entries),
             bounding_sphere=BoundingSphere(center=tuple(center.tolist()), radius=radius),
             scene_text=scene.text,
+            parameters=_taking_part(scene),
             title=scene.title,
         )
         return directory.model_copy(update={"scene_hash": _scene_hash(scene)})
@@ -229,6 +230,12 @@ def _needs_tables(surface_i: Integers, medium_i: Integers) -> bool:
 
 def _rows(array: Array) -> Any:
     return tuple(tuple(row) for row in np.asarray(array, float).tolist())
+
+
+def _taking_part(scene: Scene) -> dict[str, Any]:
+    """Which simulation this is and what was left out of it; empty where all took part."""
+    given = scene.selecting.model_dump(mode="json", exclude_defaults=True)
+    return {"simulation": given} if given else {}
 
 
 _HASHED = (

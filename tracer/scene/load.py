@@ -19,6 +19,7 @@ from tracer.scene.model import (
     SourceModel,
     SurfaceModel,
 )
+from tracer.scene.selecting import SimulationModel, select_parts
 
 __all__ = ["load_scene", "parse_scene"]
 
@@ -32,13 +33,16 @@ _NAMED: dict[str, type[BaseModel]] = {
 }
 
 
-def load_scene(path: str | Path, *, variants: Sequence[str] = ()) -> Scene:
+def load_scene(
+    path: str | Path, *, variants: Sequence[str] = (), simulation: str | None = None
+) -> Scene:
     """Read and validate a scene file.
 
     Parameters
     ----------
     path : a TOML file, or a lens file (.zmx, .seq) that is a scene of its own
     variants : names of tables ``[variants.NAME]`` that are laid over the scene, in this order
+    simulation : name of the table ``[simulations.NAME]`` that says what takes part
 
     Raises
     ------
@@ -51,20 +55,29 @@ def load_scene(path: str | Path, *, variants: Sequence[str] = ()) -> Scene:
 
         if path.suffix.lower() in SCENE_SUFFIXES:
             text = scene_text_of(path)
-            return parse_scene(text, variants=variants, origin=path.name, folder=path.parent)
+            return parse_scene(
+                text,
+                variants=variants,
+                simulation=simulation,
+                origin=path.name,
+                folder=path.parent,
+            )
     try:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise SceneError(f"there is no scene file {str(path)!r}; check the path") from None
     except (OSError, UnicodeDecodeError) as error:
         raise SceneError(f"cannot read the scene file {str(path)!r}: {error}") from None
-    return parse_scene(text, variants=variants, origin=path.name, folder=path.parent)
+    return parse_scene(
+        text, variants=variants, simulation=simulation, origin=path.name, folder=path.parent
+    )
 
 
 def parse_scene(
     text: str,
     *,
     variants: Sequence[str] = (),
+    simulation: str | None = None,
     origin: str = "scene",
     folder: str | Path = ".",
 ) -> Scene:
@@ -76,8 +89,9 @@ def parse_scene(
         tree = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise SceneError(f"{origin}: not a TOML file: {error}") from None
+    chosen = _simulation(tree, simulation, origin)
     known = tree.pop("variants", {})
-    for name in variants:
+    for name in (*chosen.variants, *variants):
         if name not in known:
             raise SceneError(f"{origin}: there is no variant {name!r}{_nearest(name, known)}")
         tree = _overlaid(tree, known[name])
@@ -85,6 +99,15 @@ def parse_scene(
     tree["origin"] = origin
     tree["folder"] = str(folder)
     _merge_files(tree, origin, Path(folder))
+    general = {key: tree.pop(key) for key in ("use", "leave_out") if key in tree}
+    always = _validated(SimulationModel, general, "", origin)
+    tree["selecting"] = select_parts(
+        tree,
+        always.use if chosen.use is None else chosen.use,
+        (*always.leave_out, *chosen.leave_out),
+        simulation=simulation or "",
+        origin=origin,
+    )
     for table, model in _NAMED.items():
         entries = _table(tree, table, origin)
         tree[table] = {
@@ -95,6 +118,21 @@ def parse_scene(
         name: _body(entry, name, origin) for name, entry in _table(tree, "bodies", origin).items()
     }
     return _validated(Scene, tree, "", origin)
+
+
+def _simulation(tree: dict[str, Any], name: str | None, origin: str) -> SimulationModel:
+    """The simulation that was asked for; all are checked, so that a slip shows at once."""
+    entries = _table(tree, "simulations", origin)
+    models = {
+        key: _validated(SimulationModel, entry, f"simulations.{key}", origin)
+        for key, entry in entries.items()
+    }
+    tree.pop("simulations", None)
+    if name is None:
+        return SimulationModel()
+    if name not in models:
+        raise SceneError(f"{origin}: there is no simulation {name!r}{_nearest(name, models)}")
+    return models[name]
 
 
 def _merge_files(tree: dict[str, Any], origin: str, folder: Path) -> None:

@@ -16,6 +16,7 @@ from tracer.geometry.bodies import Body
 from tracer.scene.detector_model import DetectorModel
 from tracer.scene.fields import Node, Positive, Share, Spectral
 from tracer.scene.rare_light import TraceModel
+from tracer.scene.selecting import Selecting
 from tracer.scene.source_model import SourceModel
 
 __all__ = [
@@ -273,6 +274,7 @@ class Scene(Node):
     bodies: dict[str, SerializeAsAny[Body]] = {}
     sources: dict[str, SourceModel] = {}
     detectors: dict[str, DetectorModel] = {}
+    selecting: Selecting = Selecting()
     text: str = ""
     origin: str = "scene"
     folder: str = "."
