@@ -202,7 +202,8 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
     meshed = len(live_f) > MESH_POINT
     kept = 0
     r = counters[RECORDS]
-    for i in range(counters[LIVE]):
+    for slot in range(counters[LIVE]):
+        i = np.uint32(slot)
         x, y, z = live_f[0, i], live_f[1, i], live_f[2, i]
         dx, dy, dz = live_f[3, i], live_f[4, i], live_f[5, i]
         t, face = live_f[T, i], live_i[HIT, i]
@@ -217,7 +218,7 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
         ignored = False
         cosine, nest_before, medium_before = 0.0, nest, medium
         # Fly freely through a medium that absorbs or scatters
-        if medium_i[medium, M_PARTICIPATING] != 0:
+        if medium_i[np.uint32(medium), M_PARTICIPATING] != 0:
             event, t, dx, dy, dz, code, state = fly_freely(
                 medium_i, medium_f, tables, medium, t, dx, dy, dz, code, colors, counters, state
             )
@@ -244,7 +245,8 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
             nx, ny, nz = dx, dy, dz
         elif event == 0:
             # Meet the face: find out where the ray goes if it crosses
-            if face_i[face, F_KIND] == MESH:
+            met = np.uint32(face)
+            if face_i[met, F_KIND] == MESH:
                 x, y, z = (
                     live_f[MESH_POINT, i],
                     live_f[MESH_POINT + 1, i],
@@ -257,9 +259,9 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
                 )
                 own_body, own_triangle = live_i[MESH_BODY, i], live_i[MESH_TRIANGLE, i]
             else:
-                nx, ny, nz = face_normal(face_i[face, F_KIND], face_f, face, x, y, z)
+                nx, ny, nz = face_normal(face_i[met, F_KIND], face_f, met, x, y, z)
             cosine = dx * nx + dy * ny + dz * nz
-            inside, outside = face_i[face, F_INSIDE], face_i[face, F_OUTSIDE]
+            inside, outside = face_i[met, F_INSIDE], face_i[met, F_OUTSIDE]
             beyond = nest
             if inside >= 0:
                 if cosine < 0.0:
@@ -280,7 +282,7 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
                     nest = beyond
             own = face
             if not ignored:
-                obj, triangle = face_i[face, F_OBJECT], face_i[face, F_TRIANGLE]
+                obj, triangle = face_i[met, F_OBJECT], face_i[met, F_TRIANGLE]
                 sx, sy, sz, shading = nx, ny, nz, cosine
                 if own_body >= 0:
                     triangle = own_triangle
@@ -293,16 +295,16 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
                     along = dx * ax + dy * ay + dz * az
                     if along * cosine > 0.0:
                         sx, sy, sz, shading = ax, ay, az, along
-                event = face_i[face, F_EVENT]
+                event = face_i[met, F_EVENT]
                 if beyond < 0:
                     event |= GEOMETRY_ERROR
                 else:
                     body = top_body(beyond)
-                    other = body_i[body, B_MEDIUM] if body >= 0 else world
+                    other = body_i[np.uint32(body), B_MEDIUM] if body >= 0 else world
                     happened, crosses, dx, dy, dz, code, state, weight = meet(
-                        rare, twins, ray, ray_i[N_RECORDS, ray] >= depth, x, y, z, weight,
-                        surface_i, surface_f, medium_i, medium_f, tables, face_i[face, F_SURFACE],
-                        medium, other, dx, dy, dz, sx, sy, sz, shading, code, colors, counters,
+                        rare, twins, ray, ray_i[N_RECORDS, np.uint32(ray)] >= depth, x, y, z, weight,
+                        surface_i, surface_f, medium_i, medium_f, tables,
+                        np.uint32(face_i[met, F_SURFACE]), np.uint32(medium), np.uint32(other), dx, dy, dz, sx, sy, sz, shading, code, colors, counters,
                         state, follow,
                     )  # fmt: skip
                     event |= happened
@@ -321,17 +323,17 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
                         if other != medium:
                             event |= MEDIUM_CHANGED
                         medium = other
-                    if face_i[face, F_DETECTOR] >= 0:
+                    if face_i[met, F_DETECTOR] >= 0:
                         event |= register_on_face(
-                            views, detector_i, detector_f, face_i[face, F_DETECTOR], last, x, y,
+                            views, detector_i, detector_f, face_i[met, F_DETECTOR], last, x, y,
                             z, ux, uy, uz, t, cosine, triangle, words, meetings, meeting_t,
                             counters,
                         )  # fmt: skip
-            axis = face_i[face, F_AXIS]
+            axis = face_i[met, F_AXIS]
             along = dx if axis == 0 else (dy if axis == 1 else dz)
             key = 2 * face + (1 if along >= 0.0 else 0)
         if not ignored:
-            if ray_i[N_RECORDS, ray] >= depth and event & ENDING == 0:
+            if ray_i[N_RECORDS, np.uint32(ray)] >= depth and event & ENDING == 0:
                 event = (event & RIM_HIT) | DEPTH_LIMIT
             turned_off = twin_event(twins, event)
             event, weight, state = end_faint_ray(rare, event, weight, state)
@@ -342,7 +344,7 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
                 exact[r, 0], exact[r, 1], exact[r, 2] = x, y, z
             last = r
             r += 1
-            ray_i[N_RECORDS, ray] += 1
+            ray_i[N_RECORDS, np.uint32(ray)] += 1
             if turned_off != 0:
                 twin = release_twin(
                     twins, b, ray, r, x, y, z, nx, ny, nz, cosine, face, face_i[face, F_AXIS],
@@ -354,18 +356,19 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
                 )  # fmt: skip
                 r += 1
             if event & ENDING != 0:
-                ray_f[ray] = weight
+                ray_f[np.uint32(ray)] = weight
                 continue
         # Go on
-        live_f[0, kept], live_f[1, kept], live_f[2, kept] = x, y, z
-        live_f[3, kept], live_f[4, kept], live_f[5, kept] = dx, dy, dz
-        live_f[WEIGHT, kept] = weight
-        live_i[OWN, kept], live_i[KEY, kept] = own, key
+        k = np.uint32(kept)
+        live_f[0, k], live_f[1, k], live_f[2, k] = x, y, z
+        live_f[3, k], live_f[4, k], live_f[5, k] = dx, dy, dz
+        live_f[WEIGHT, k] = weight
+        live_i[OWN, k], live_i[KEY, k] = own, key
         if meshed:
-            live_i[OWN_BODY, kept], live_i[OWN_TRIANGLE, kept] = own_body, own_triangle
-        live_i[NEST, kept], live_i[MEDIUM, kept], live_i[CODE, kept] = nest, medium, code
-        live_i[RNG, kept] = np.int64(state)
-        live_i[RAY, kept], live_i[LAST, kept] = ray, last
+            live_i[OWN_BODY, k], live_i[OWN_TRIANGLE, k] = own_body, own_triangle
+        live_i[NEST, k], live_i[MEDIUM, k], live_i[CODE, k] = nest, medium, code
+        live_i[RNG, k] = np.int64(state)
+        live_i[RAY, k], live_i[LAST, k] = ray, last
         kept += 1
     counters[LIVE] = gather_twins(twins, b, kept)
     counters[RECORDS] = r
@@ -378,19 +381,20 @@ def write_record(
     ray: int,
 ) -> None:  # fmt: skip
     """Write record ``r``."""
-    real[r, X], real[r, Y], real[r, Z] = x, y, z
+    row = np.uint32(r)
+    real[row, X], real[row, Y], real[row, Z] = x, y, z
     p = np.int64(math.floor(nx * 32767.0 + 0.5))
     q = np.int64(math.floor(ny * 32767.0 + 0.5))
     s = np.int64(math.floor(nz * 32767.0 + 0.5))
-    words[r, NORMAL_XY] = (p & 0xFFFF) | (q << 16)
-    words[r, NORMAL_Z] = (s & 0xFFFF) | (obj << 16)
-    words[r, TRIANGLE] = triangle
-    words[r, EVENT] = event
-    words[r, R_MEDIUM] = medium
-    words[r, R_CODE] = code
-    words[r, R_RAY] = ray
-    words[r, COUNT] = 0
-    words[r, CHAIN] = -1
+    words[row, NORMAL_XY] = (p & 0xFFFF) | (q << 16)
+    words[row, NORMAL_Z] = (s & 0xFFFF) | (obj << 16)
+    words[row, TRIANGLE] = triangle
+    words[row, EVENT] = event
+    words[row, R_MEDIUM] = medium
+    words[row, R_CODE] = code
+    words[row, R_RAY] = ray
+    words[row, COUNT] = 0
+    words[row, CHAIN] = -1
 
 
 @inline_kernel

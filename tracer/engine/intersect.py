@@ -30,13 +30,14 @@ def sort_by_departure(live_i: I64, n: int, bins: I64) -> None:
     for k in range(len(bins)):
         bins[k] = 0
     for i in range(n):
-        bins[live_i[KEY, i] + 1] += 1
+        bins[np.uint32(live_i[KEY, i] + 1)] += 1
     for k in range(1, len(bins)):
         bins[k] += bins[k - 1]
     for i in range(n):
-        k = live_i[KEY, i]
-        live_i[ORDER, bins[k]] = i
-        bins[k] += 1
+        k = np.uint32(live_i[KEY, i])
+        place = bins[k]
+        live_i[ORDER, np.uint32(place)] = i
+        bins[k] = place + 1
 
 
 @inner_kernel
@@ -78,7 +79,7 @@ def nearest_hits(
                     if m == 0:
                         break
             for j in range(m):
-                i = bundle_i[_SLOT, j]
+                i = np.uint32(bundle_i[_SLOT, j])
                 live_f[T, i] = bundle_f[DISTANCE + row, j]
                 code = bundle_i[1 + row, j]
                 live_i[HIT, i] = code if code < n_faces else code - n_faces
@@ -87,7 +88,7 @@ def nearest_hits(
 @inner_kernel
 def _gather(live_f: F64, live_i: I64, start: int, m: int, bundle_f: F64, bundle_i: I64) -> None:
     for j in range(m):
-        i = live_i[ORDER, start + j]
+        i = np.uint32(live_i[ORDER, np.uint32(start + j)])
         bundle_i[_SLOT, j] = i
         bundle_i[OWN, j] = live_i[LIVE_OWN, i]
         bundle_i[1, j] = -1
@@ -117,14 +118,15 @@ def _keep_beyond(
     kept = 0
     for j in range(m):
         t = bundle_f[DISTANCE + row, j]
-        i = bundle_i[_SLOT, j]
+        i = np.uint32(bundle_i[_SLOT, j])
         if t > bound:
-            bundle_i[_SLOT, kept] = i
-            bundle_i[OWN, kept] = bundle_i[OWN, j]
-            bundle_i[1 + row, kept] = bundle_i[1 + row, j]
-            bundle_f[DISTANCE + row, kept] = t
+            to = np.uint32(kept)
+            bundle_i[_SLOT, to] = i
+            bundle_i[OWN, to] = bundle_i[OWN, j]
+            bundle_i[1 + row, to] = bundle_i[1 + row, j]
+            bundle_f[DISTANCE + row, to] = t
             for k in range(6):
-                bundle_f[k, kept] = bundle_f[k, j]
+                bundle_f[k, to] = bundle_f[k, j]
             kept += 1
         else:
             live_f[T, i] = t
@@ -142,16 +144,17 @@ def _keep_unsettled(
     kept = 0
     for j in range(m):
         code = bundle_i[1 + row, j]
-        i = bundle_i[_SLOT, j]
-        if code >= 0 and settle[key, code] <= place:
+        i = np.uint32(bundle_i[_SLOT, j])
+        if code >= 0 and settle[key, np.uint32(code)] <= place:
             live_f[T, i] = bundle_f[DISTANCE + row, j]
             live_i[HIT, i] = code if code < n_faces else code - n_faces
         else:
-            bundle_i[_SLOT, kept] = i
-            bundle_i[OWN, kept] = bundle_i[OWN, j]
-            bundle_i[1 + row, kept] = code
-            bundle_f[DISTANCE + row, kept] = bundle_f[DISTANCE + row, j]
+            to = np.uint32(kept)
+            bundle_i[_SLOT, to] = i
+            bundle_i[OWN, to] = bundle_i[OWN, j]
+            bundle_i[1 + row, to] = code
+            bundle_f[DISTANCE + row, to] = bundle_f[DISTANCE + row, j]
             for k in range(6):
-                bundle_f[k, kept] = bundle_f[k, j]
+                bundle_f[k, to] = bundle_f[k, j]
             kept += 1
     return kept

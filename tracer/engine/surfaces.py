@@ -34,7 +34,7 @@ from tracer.scene.arrays import (
     SURFACE_ROW,
 )
 
-__all__ = ["meet_surface"]
+__all__ = ["coating", "meet_surface"]
 
 _ABSORBED = int(Event.SURFACE_ABSORPTION)
 _REFLECTED = int(Event.SPECULAR_REFLECTION)
@@ -107,7 +107,8 @@ def _meet_dielectric(
     if select:
         state = advance(state)
         k = pick_channel(colors, code, uniform(state))
-    n1, n2 = medium_f[medium, k], medium_f[other, k]
+    channel = np.uint32(k)
+    n1, n2 = medium_f[medium, channel], medium_f[other, channel]
     eta = n1 / n2
     cos2_t = 1.0 - eta * eta * (1.0 - cos_i * cos_i)
     if cos2_t > 0.0:
@@ -118,10 +119,10 @@ def _meet_dielectric(
         if model == 0:
             reflectance = _fresnel(n1, n2, cos_i, cos_t)
         elif model != 2:
-            reflectance = surface_f[surface, SURFACE_ROW + k]
+            reflectance = surface_f[surface, SURFACE_ROW + channel]
         else:
             place = surface_i[surface, S_METAL] + k * surface_i[surface, S_TRANSMITTED]
-            reflectance, transmittance = _coating(tables, place, n1, n2, cos_i)
+            reflectance, transmittance = coating(tables, place, n1, n2, cos_i)
             if u >= reflectance + transmittance and follow == 0:
                 return _ABSORBED, False, dx, dy, dz, code, state
         if u >= reflectance or follow == 1:
@@ -138,7 +139,7 @@ def _meet_dielectric(
             # A coating that absorbs frustrates total reflection
             state = advance(state)
             place = surface_i[surface, S_METAL] + k * surface_i[surface, S_TRANSMITTED]
-            reflectance, _ = _coating(tables, place, n1, n2, cos_i)
+            reflectance, _ = coating(tables, place, n1, n2, cos_i)
             if uniform(state) >= reflectance:
                 return _ABSORBED, False, dx, dy, dz, code, state
     if select:
@@ -180,7 +181,7 @@ def _recolor_reflected(
         reflectance = fresnel_reflectance(medium_f[medium, j], medium_f[other, j], cos_i)
         if surface_i[surface, S_MODEL] == 2:
             place = surface_i[surface, S_METAL] + j * surface_i[surface, S_TRANSMITTED]
-            reflectance, _ = _coating(tables, place, medium_f[medium, j], medium_f[other, j], cos_i)
+            reflectance, _ = coating(tables, place, medium_f[medium, j], medium_f[other, j], cos_i)
         elif reflectance < 1.0 and surface_i[surface, S_MODEL] != 0:
             reflectance = surface_f[surface, SURFACE_ROW + j]
         colors[spare, j] = reflectance
@@ -221,9 +222,10 @@ def _diffuse(
 
 
 @inline_kernel
-def _coating(
+def coating(
     tables: F64 | None, place: int, n1: float, n2: float, cos_i: float
 ) -> tuple[float, float]:
+    """Reflectance and transmittance from a coating's table."""
     if tables is None:
         return 0.0, 1.0
     return coating_share(tables, place, n1, n2, cos_i)
