@@ -126,6 +126,20 @@ def _load(path: Path, variants: list[str] | None, simulation: str | None) -> Sce
     return loaded
 
 
+def _design(path: Path) -> dict[str, Any]:
+    """The numbers of a lens file in its own order of surfaces; empty for other files."""
+    import warnings
+
+    from tracer.importers.expand import SCENE_SUFFIXES
+    from tracer.importers.lens_scene import import_lens
+
+    if path.suffix.lower() not in SCENE_SUFFIXES:
+        return {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # they were told when the scene was loaded
+        return {"design": import_lens(path).design()}
+
+
 def _as_json(result: RecordResult) -> dict[str, Any]:
     from dataclasses import fields
 
@@ -207,6 +221,8 @@ def check(
 
     loaded = _load(scene, variant, simulation)
     report = examine(loaded)
+    if scene.suffix.lower() != ".toml":
+        report |= _design(scene)
     if output is not None:
         from tracer.studies.section import draw_section
 
@@ -219,6 +235,8 @@ def check(
         if key == "bodies":
             for name, text in value.items():
                 typer.echo(f"  {name}: {text}")
+        elif key == "design":
+            _print_design(value)
         elif isinstance(value, float):
             typer.echo(f"{key}: {value:.6g}")
         elif isinstance(value, list):
@@ -226,3 +244,13 @@ def check(
                 typer.echo(f"{key}: {text}")
         else:
             typer.echo(f"{key}: {value}")
+
+
+def _print_design(design: dict[str, Any]) -> None:
+    """The numbers of a lens file, and what its surfaces became."""
+    typer.echo("design, in the order of its surfaces:")
+    for key, value in design.items():
+        if isinstance(value, float):
+            typer.echo(f"  {key}: {value:.6g}")
+    for number, face in design["faces"].items():
+        typer.echo(f"  surface {number}: {face}")

@@ -335,3 +335,23 @@ class ImportedLens:
             "sources": self.sources(),
             "detectors": {self.prefix + "image": self.detector()},
         }
+
+    def design(self) -> dict[str, Any]:
+        """First-order numbers of the design in its order of surfaces [scene units], and which face
+        of which body each surface became."""
+        scale, primary = self.scale, self.prescription.primary
+        focal = self.sequence.focal_length(primary)
+        height, slope = self.bundles.marginal
+        pupil = self.bundles.entrance_pupil
+        return {
+            "wavelength_nm": self.prescription.wavelengths_nm[primary],
+            "efl": scale * focal if math.isfinite(focal) else None,
+            "f_number": abs(focal) / (2.0 * height) if math.isfinite(focal) and not slope else None,
+            "entrance_diameter": 2.0 * scale * height if not slope else None,
+            "entrance_pupil": scale * pupil if math.isfinite(pupil) else None,
+            "object_na": math.sin(math.atan(slope)) if slope else None,
+            "faces": {
+                str(number): self.prefix + face
+                for number, face in sorted(self.elements.face_of.items())
+            },
+        }

@@ -76,6 +76,12 @@ def axial_surfaces(
     for name, lens in lenses:
         if not on_axis(lens):
             raise SceneError(f"{scene.origin}: bodies.{name}: is not on the z axis")
+        for face in (lens.front, lens.back):
+            surface = scene.surfaces.get(face.surface or lens.surface or "")
+            if surface is not None and surface.kind in ("mirror", "rough_mirror"):
+                raise SceneError(
+                    f"{scene.origin}: bodies.{name}: is a mirror; these numbers are for lenses"
+                )
     cemented = {lens.front.cemented for _, lens in lenses}
     surfaces = []
     for name, lens in sorted(lenses, key=lambda item: item[1].position[2]):
