@@ -180,10 +180,15 @@ def image(
     detector: Annotated[str, typer.Argument(help="Name of the detector.")],
     criterion: Criterion = None,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", help=".png, .tiff or .npy")
+        Path | None, typer.Option("-o", "--output", help=".png .tiff .exr .csv or .npy")
     ] = None,
     kind: Annotated[
-        str, typer.Option(help="rgb flux rays irradiance illuminance spectral")
+        str,
+        typer.Option(
+            help="rgb, spectral, flux, flux_se, rays; density, density_se: per area, solid angle "
+            "or étendue, also by name: irradiance, intensity, radiance, and luminous illuminance, "
+            "candela, luminance."
+        ),
     ] = "rgb",
     layer: Annotated[
         list[str] | None, typer.Option(help="NAME=CRITERION: one more picture, in the same pass.")
@@ -233,7 +238,7 @@ def image(
 
 def _written(path: Path, picture: Any) -> dict[str, Any]:
     """What a picture holds, in numbers."""
-    flat = picture.cell_area_m2 is not None
+    known = picture.measure is not None
     return {
         "output": str(path),
         "detector": picture.detector.name,
@@ -241,7 +246,8 @@ def _written(path: Path, picture: Any) -> dict[str, Any]:
         "flux": picture.total,
         "flux_unit": picture.flux_unit,
         "registrations": int(picture.rays.sum()),
-        "peak": float(picture.irradiance.max()) if flat else None,
-        "peak_unit": picture.irradiance_unit if flat else None,
+        "quantity": picture.density_name,
+        "peak": float(picture.density().max()) if known else None,
+        "peak_unit": picture.density_unit,
         "cell_area_m2": picture.cell_area_m2,
     }

@@ -1,4 +1,4 @@
-"""Detector pictures as files: PNG, TIFF, NumPy; written beside the target and renamed."""
+"""Detector pictures as files: PNG, TIFF, OpenEXR, CSV, NumPy; written beside and renamed."""
 
 from __future__ import annotations
 
@@ -17,7 +17,11 @@ from raymap.errors import MissingExtra, RayMapError
 
 __all__ = ["KINDS", "png_bytes", "png_html", "write_image"]
 
-KINDS = ("rgb", "flux", "rays", "irradiance", "illuminance", "spectral")
+KINDS = (
+    "rgb", "flux", "flux_se", "rays", "density", "density_se", "irradiance", "illuminance",
+    "intensity", "candela", "radiance", "luminance", "spectral",
+)  # fmt: skip
+_SUFFIXES = (".png", ".tif", ".tiff", ".exr", ".csv", ".npy")
 
 
 def _upright(values: NDArray[Any]) -> NDArray[Any]:
@@ -64,8 +68,22 @@ def values_of(image: DetectorImage, kind: str) -> NDArray[Any]:
         return image.channels
     if kind not in KINDS:
         raise RayMapError(f"pictures are of kind {', '.join(KINDS)}, not {kind!r}")
+    if kind == "density":
+        return image.density()
     result: NDArray[Any] = getattr(image, kind)
     return result
+
+
+def unit_of(image: DetectorImage, kind: str) -> str:
+    """Unit of the values of a kind of picture."""
+    if kind == "rays":
+        return "rays"
+    if kind in ("rgb", "flux", "flux_se", "spectral"):
+        return f"{image.flux_unit} per cell"
+    luminous = kind in ("illuminance", "candela", "luminance")
+    if luminous and image.measure is not None:
+        return image.measure.density_unit("lm")
+    return image.density_unit or ""
 
 
 def _pixels(image: DetectorImage, kind: str) -> NDArray[Any]:
@@ -83,7 +101,9 @@ def write_image(image: DetectorImage, path: str | Path, kind: str = "rgb") -> Pa
     """Write a picture; the suffix chooses the format.
 
     ``.png``: sRGB or 16-bit grey scaled to its largest value. ``.tiff``: float32 in physical units
-    (package tifffile). ``.npy``: float64 in physical units, row 0 at the bottom as cells count.
+    (package tifffile). ``.exr``: float32 in physical units, R, G, B or named channels. ``.csv``: a
+    row per cell with place, flux, errors and channels, whatever the kind. ``.npy``: float64 in
+    physical units, row 0 at the bottom as cells count.
 
     Raises
     ------
@@ -94,8 +114,8 @@ def write_image(image: DetectorImage, path: str | Path, kind: str = "rgb") -> Pa
     """
     target = Path(path)
     suffix = target.suffix.lower()
-    if suffix not in (".png", ".tif", ".tiff", ".npy"):
-        raise RayMapError(f"pictures end in .png, .tiff or .npy, not {target.name!r}")
+    if suffix not in _SUFFIXES:
+        raise RayMapError(f"pictures end in {', '.join(_SUFFIXES)}, not {target.name!r}")
     if not target.parent.is_dir():
         raise RayMapError(f"there is no folder {target.parent} to write {target.name} into")
     beside = target.with_name(f".{target.name}.{os.getpid()}")
@@ -105,6 +125,10 @@ def write_image(image: DetectorImage, path: str | Path, kind: str = "rgb") -> Pa
         elif suffix == ".npy":
             with beside.open("wb") as file:
                 np.save(file, values_of(image, kind))
+        elif suffix == ".exr":
+            _write_exr(beside, image, kind)
+        elif suffix == ".csv":
+            _write_csv(beside, image)
         else:
             _write_tiff(beside, image, kind)
         os.replace(beside, target)
@@ -124,12 +148,54 @@ def _write_tiff(path: Path, image: DetectorImage, kind: str) -> None:
     values = _upright(values_of(image, kind)).astype(np.float32)
     if values.ndim == 3 and values.shape[2] != 3:
         values = np.moveaxis(values, 2, 0)
-    unit = {"irradiance": image.irradiance_unit, "illuminance": "lx", "rays": "rays"}.get(
-        kind, f"{image.flux_unit} per cell"
-    )
     tifffile.imwrite(
         path,
         values,
         photometric="rgb" if values.ndim == 3 and values.shape[-1] == 3 else "minisblack",
-        metadata={"unit": unit, "detector": image.detector.name},
+        metadata={"unit": unit_of(image, kind), "detector": image.detector.name},
     )
+
+
+def _write_exr(path: Path, image: DetectorImage, kind: str) -> None:
+    """One channel Y, or R, G, B, or one per channel of the trace; beside it its error."""
+    from raymap.exr import spectral_channels, write_exr
+
+    values = _upright(values_of(image, kind)).astype(np.float32)
+    if values.ndim == 2:
+        channels = {"Y": values}
+    elif kind == "rgb" or image.channel_set.kind == "rgb":
+        channels = {name: values[:, :, k] for k, name in enumerate("RGB")}
+    else:
+        channels = spectral_channels(image.channel_set.wavelengths_nm, values)
+    text = {"detector": image.detector.name, "unit": unit_of(image, kind)}
+    write_exr(path, channels, text=text)
+
+
+def _write_csv(path: Path, image: DetectorImage) -> None:
+    """A row per cell, lowest row first: place of its middle, sums and errors."""
+    detector = image.detector
+    rows, columns = (index.ravel() for index in np.indices(image.flux.shape))
+    u = (columns + 0.5) / detector.cells[0]
+    v = (rows + 0.5) / detector.cells[1]
+    unit = str(detector.parameters.get("size_unit", image.length_unit))
+    gamma = detector.parameters.get("gamma_deg") if detector.kind == "far_field" else None
+    if gamma is not None:
+        places = {"c [deg]": 360.0 * u, "gamma [deg]": gamma[0] + v * (gamma[1] - gamma[0])}
+    else:
+        places = {
+            f"u [{unit}]": (u - 0.5) * detector.size[0],
+            f"v [{unit}]": (v - 0.5) * detector.size[1],
+        }
+    table: dict[str, NDArray[Any]] = {"column": columns, "row": rows, **places}
+    table[f"flux [{image.flux_unit}]"] = image.flux.ravel()
+    table[f"flux_se [{image.flux_unit}]"] = image.flux_se.ravel()
+    table["rays"] = image.rays.ravel()
+    if image.measure is not None:
+        table[f"{image.density_name} [{image.density_unit}]"] = image.density().ravel()
+        table[f"{image.density_name}_se [{image.density_unit}]"] = image.density_se.ravel()
+    for k, label in enumerate(image.channel_set.labels[: image.channels.shape[2]]):
+        table[f"{label} [{image.flux_unit}]"] = image.channels[:, :, k].ravel()
+    with path.open("w", encoding="utf-8") as file:
+        file.write(",".join(table) + "\n")
+        for row in zip(*(column.tolist() for column in table.values()), strict=True):
+            file.write(",".join(f"{value:.9g}" for value in row) + "\n")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from query.search import Found
 from query.selector import bind_all
 from query.tally import source_factors
 from query.tally import sums as weighted_counts
+from raymap.cells import CellMeasure, cell_measure, is_pinhole
 from raymap.directory import ChannelSet, Detector
 from raymap.errors import RayMapError
 from raymap.schema import COLOR_SCALE
@@ -24,8 +26,15 @@ __all__ = ["DetectorImage", "detector_image", "detector_images"]
 
 Floats = NDArray[np.float64]
 
-_METRES = {"nm": 1e-9, "um": 1e-6, "µm": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
 _MAX_VALUES = 2**28
+
+
+_NAMES = {
+    "area": ("irradiance", "illuminance"),
+    "solid_angle": ("intensity", "candela"),
+    "etendue": ("radiance", "luminance"),
+}
+"""What flux per measure of a cell is called, radiant and luminous."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -69,16 +78,82 @@ class DetectorImage:
         """Flux registered [flux unit]."""
         return float(self.channels.sum())
 
+    @cached_property
+    def measure(self) -> CellMeasure | None:
+        """Area, solid angle or étendue of each cell; None where it is not known."""
+        return cell_measure(self.detector, self.length_unit)
+
     @property
     def cell_area_m2(self) -> float | None:
         """Area of a cell [m²]; None where cells are not flat or have no known unit."""
-        unit = self.detector.parameters.get("size_unit", self.length_unit)
-        if self.detector.kind != "plane" or unit not in _METRES:
+        if self.detector.kind != "plane" or self.measure is None:
             return None
-        width, height = (
-            self.detector.size[axis] * _METRES[unit] / self.detector.cells[axis] for axis in (0, 1)
-        )
-        return float(width * height)
+        return float(self.measure.values[0, 0])
+
+    def density(self, *, luminous: bool = False) -> Floats:
+        """(cells_v, cells_u) flux per area, solid angle or étendue; 0 beside a face.
+
+        ``luminous`` weighs the channels of a radiant map with their luminous efficacy.
+
+        Raises
+        ------
+        RayMapError
+            the size of the detector's cells is not known, or the channels' efficacies are not.
+        """
+        return self._per_measure(self._luminous_flux() if luminous else self.flux)
+
+    @property
+    def density_se(self) -> Floats:
+        """(cells_v, cells_u) standard error of `density`."""
+        return self._per_measure(self.flux_se)
+
+    @property
+    def density_unit(self) -> str | None:
+        """Unit of `density`: W/m², lx, W/sr, cd, W/(m² sr), cd/m²."""
+        return None if self.measure is None else self.measure.density_unit(self.flux_unit)
+
+    @property
+    def density_name(self) -> str | None:
+        """What `density` is called: irradiance, illuminance, intensity, radiance, luminance."""
+        if self.measure is None:
+            return None
+        return _NAMES[self.measure.quantity][self.flux_unit == "lm"]
+
+    def _per_measure(self, values: Floats) -> Floats:
+        if self.measure is None:
+            raise RayMapError(
+                f"detector {self.detector.name!r} is of kind {self.detector.kind} and the map does "
+                "not tell the size of its cells; use the flux per cell"
+            )
+        size = self.measure.values
+        result: Floats = np.divide(values, size, out=np.zeros_like(values), where=size > 0.0)
+        return result
+
+    def _luminous_flux(self) -> Floats:
+        if self.flux_unit == "lm":
+            return self.flux
+        luminous = np.array(self.channel_set.luminous)
+        if self.channel_set.kind == "rgb":
+            raise RayMapError(
+                "the map is in RGB and in watts: without a spectrum there is no illuminance"
+            )
+        if len(luminous) != self.channels.shape[2]:
+            raise RayMapError(
+                f"no luminous values on {self.detector.name!r}: the channels have no luminous "
+                "efficacy"
+            )
+        result: Floats = self.channels @ luminous
+        return result
+
+    def _quantity(self, quantity: str, *, luminous: bool = False) -> Floats:
+        """`density`, refused where it is not the quantity asked for."""
+        if self.measure is not None and self.measure.quantity != quantity:
+            has, wanted = _NAMES[self.measure.quantity][luminous], _NAMES[quantity][luminous]
+            raise RayMapError(
+                f"detector {self.detector.name!r} is of kind {self.detector.kind}: it has no "
+                f"{wanted}; ask for its {has}"
+            )
+        return self.density(luminous=luminous)
 
     @property
     def irradiance_unit(self) -> str:
@@ -86,39 +161,39 @@ class DetectorImage:
 
     @property
     def irradiance(self) -> Floats:
-        """(cells_v, cells_u) flux per area [W/m² or lx].
+        """(cells_v, cells_u) flux per area [W/m² or lx], of planes and faces.
 
         Raises
         ------
         RayMapError
             the detector's cells have no area.
         """
-        area = self.cell_area_m2
-        if area is None:
-            raise RayMapError(
-                f"detector {self.detector.name!r} is of kind {self.detector.kind}: its cells have "
-                "no area, so there is no irradiance; use the flux per cell"
-            )
-        return self.flux / area
+        return self._quantity("area")
 
     @property
     def illuminance(self) -> Floats:
         """(cells_v, cells_u) [lx]: channels weighed with their luminous efficacy where in watts."""
-        if self.flux_unit == "lm":
-            return self.irradiance
-        area = self.cell_area_m2
-        luminous = np.array(self.channel_set.luminous)
-        if area is None or len(luminous) != self.channels.shape[2]:
-            raise RayMapError(
-                f"no illuminance on {self.detector.name!r}: it takes a flat detector and channels "
-                "with luminous efficacy"
-            )
-        if self.channel_set.kind == "rgb":
-            raise RayMapError(
-                "the map is in RGB and in watts: without a spectrum there is no illuminance"
-            )
-        result: Floats = self.channels @ luminous / area
-        return result
+        return self._quantity("area", luminous=True)
+
+    @property
+    def intensity(self) -> Floats:
+        """(cells_v, cells_u) flux per solid angle [W/sr or cd], of far fields."""
+        return self._quantity("solid_angle")
+
+    @property
+    def candela(self) -> Floats:
+        """(cells_v, cells_u) luminous intensity [cd], of far fields."""
+        return self._quantity("solid_angle", luminous=True)
+
+    @property
+    def radiance(self) -> Floats:
+        """(cells_v, cells_u) flux per étendue [W/(m² sr) or cd/m²], of cameras."""
+        return self._quantity("etendue")
+
+    @property
+    def luminance(self) -> Floats:
+        """(cells_v, cells_u) luminance [cd/m²], of cameras."""
+        return self._quantity("etendue", luminous=True)
 
     @property
     def linear_rgb(self) -> Floats:
@@ -199,7 +274,13 @@ def detector_images(
     index = _detector_index(map, detector)
     shape = _shape(map, index, len(layers))
     nodes = bind_all(map, list(layers.values()))
-    if not map.rays and all(value is None for value in layers.values()):
+    plain = all(value is None for value in layers.values())
+    if is_pinhole(map.directory.detectors[index]) and not plain:
+        raise RayMapError(
+            f"detector {detector!r} is a pinhole: its picture is summed up while tracing and no "
+            "ray meets it, so no criterion can choose from it; a camera has a lens that rays pass"
+        )
+    if plain and (not map.rays or is_pinhole(map.directory.detectors[index])):
         return {name: _from_results(map, index, shape) for name in layers}
     emitted = map.emitted
     sums, scan = _accumulate(map, nodes, index, shape, emitted, threads, progress, cancel)

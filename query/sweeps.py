@@ -10,10 +10,10 @@ import numpy as np
 
 from query import criteria as c
 from query.builders import as_criterion, detected
-from query.images import _METRES
 from query.scan import Cancel
 from query.selector import select
 from query.tally import source_factors, variances
+from raymap.cells import METRES
 
 __all__ = ["SweepRow", "sweep"]
 
@@ -104,9 +104,9 @@ def _detector_area(map: Any, pattern: str) -> float | None:
         return None
     detector = map.directory.detectors[found[0]]
     unit = detector.parameters.get("size_unit", map.directory.length_unit)
-    if detector.kind != "plane" or unit not in _METRES:
+    if detector.kind != "plane" or unit not in METRES:
         return None
-    scale = _METRES[unit] / _METRES.get(map.directory.length_unit, _METRES[unit])
+    scale = METRES[unit] / METRES.get(map.directory.length_unit, METRES[unit])
     return float(detector.size[0] * detector.size[1] * scale**2)
 
 
