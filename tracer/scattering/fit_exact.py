@@ -54,13 +54,16 @@ class ValleyPoint:
     shape : atanh g
     chi2 : sum of squares
     pair : (2,) ln mu_s', ln p
-    deviations : (2,) their standard errors at this g
+    deviations : (2,) their standard errors at this g, from the errors of the data
+    inflation : mean factor by which weights below 1 make sums of squares differ from those of a
+        likelihood: divide differences of chi2 by it
     """
 
     shape: float
     chi2: float
     pair: Array
     deviations: Array
+    inflation: float = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -210,8 +213,25 @@ class _Valley:
                 damping = max(1e-3, 10.0 * damping)
             else:
                 jacobian, fresh = self._jacobian(x, at, shape), True
-        deviations = np.sqrt(np.diag(np.linalg.pinv(jacobian.T @ jacobian)))
-        return ValleyPoint(shape=shape, chi2=float(at @ at), pair=x, deviations=deviations)
+        deviations, inflation = self._errors(jacobian)
+        return ValleyPoint(
+            shape=shape, chi2=float(at @ at), pair=x, deviations=deviations, inflation=inflation
+        )
+
+    def _errors(self, jacobian: Array) -> tuple[Array, float]:
+        """Standard errors of both parameters, and the mean factor on differences of chi2.
+
+        A weight below 1 makes the fit look away from a value; it does not make that value worse
+        than its error says. So the covariance is the sandwich H⁻¹ G H⁻¹ of a weighted fit, not H⁻¹
+        (Rotnitzky and Jewell, Biometrika 77, 485 (1990)).
+        """
+        weight = np.ones(len(jacobian))
+        weight[: self.measured.size] = self.problem.weights[self.problem.used]
+        inverse = np.linalg.pinv(jacobian.T @ jacobian)
+        weighted = jacobian.T @ (weight[:, np.newaxis] * jacobian)
+        covariance = inverse @ weighted @ inverse
+        factor = float(np.trace(inverse @ weighted)) / len(inverse)
+        return np.sqrt(np.diag(covariance)), max(factor, 1e-3)
 
     def _jacobian(self, x: Array, at: Array, shape: float) -> Array:
         moved = [self.residuals(x + _STEP * e, shape) for e in np.eye(2)]

@@ -2,7 +2,18 @@
 
 R and T depend on m and g nearly through mu_s' = (1 - <cos theta>) / m alone. So the likelihood has
 a long valley along g. The fit keeps the best mu_s' and p at each g, and all intervals are read from
-there: where the smallest sum of squares rises by 1.
+there.
+
+g and m, which such data may leave open, get profile intervals: where the smallest sum of squares
+rises by 1. For mu_s' and p, which the data fix whatever g is, g is a nuisance: their intervals hold
+the middle 68 % of the likelihood integrated over g. (A profile takes the worst g instead of the
+average one; where g is open altogether its intervals cover 79 % for 68 %.) Particles in a plastic
+scatter forward rather than backward, so the integral runs over 0 <= g, unless the data rule that
+out.
+
+References
+----------
+J. O. Berger, B. Liseo, R. L. Wolpert, Statistical Science 14, 1 (1999): integrated likelihoods.
 """
 
 from __future__ import annotations
@@ -20,6 +31,9 @@ from tracer.scattering.problem import WavelengthProblem, medium_of
 __all__ = ["Interval", "Profile", "Sensitivity", "profile_along_g", "sensitivity"]
 
 Array = NDArray[np.float64]
+
+_TAIL = 0.158655
+"""Probability beyond one standard deviation, on one side."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,9 +94,10 @@ class Profile:
     Attributes
     ----------
     g : (n,) values held
-    chi2 : (n,) sums of squares, less the smallest of them
+    chi2 : (n,) -2 ln of likelihood, less its smallest value
     reduced_scattering, absorption, mean_free_path : (n,) best values there
-    intervals : of "reduced_scattering_per_mm", "absorption_per_mm", "mean_free_path_mm", "g"
+    intervals : of "reduced_scattering_per_mm" and "absorption_per_mm", integrated over g; of
+        "mean_free_path_mm" and "g", by profile
     """
 
     g: Array
@@ -94,10 +109,11 @@ class Profile:
 
 
 def profile_along_g(fit: WavelengthFit) -> Profile:
-    """Profile likelihood of a fit along g, and 68 % intervals of its parameters."""
+    """Likelihood of a fit along g, and 68 % intervals of its parameters."""
     gamma, index = fit.medium.gamma, fit.medium.index
     ts = np.array([point.shape for point in fit.valley])
     sums = np.array([point.chi2 for point in fit.valley]) - fit.chi2
+    sums /= min(fit.valley, key=lambda point: point.chi2).inflation
     best = np.array([point.pair for point in fit.valley])
     spread = np.array([point.deviations for point in fit.valley])
     # Refine between the points, then profile each parameter
@@ -107,12 +123,12 @@ def profile_along_g(fit: WavelengthFit) -> Profile:
     lost = np.array(
         [math.log(1.0 - medium_of(np.array([0.0, 0.0, t]), gamma, index).mean_cosine) for t in fine]
     )
-    centres = {
-        "reduced_scattering_per_mm": (smooth[:, 1], smooth[:, 3]),
-        "absorption_per_mm": (smooth[:, 2], smooth[:, 4]),
-        "mean_free_path_mm": (lost - smooth[:, 1], smooth[:, 3]),
+    share = _share_of_shapes(fine, chi2)
+    intervals = {
+        "reduced_scattering_per_mm": _integrated(smooth[:, 1], smooth[:, 3], share),
+        "absorption_per_mm": _integrated(smooth[:, 2], smooth[:, 4], share),
+        "mean_free_path_mm": _profiled(lost - smooth[:, 1], smooth[:, 3], chi2),
     }
-    intervals = {name: _interval_of(middle, sd, chi2) for name, (middle, sd) in centres.items()}
     inside = fine[chi2 <= 1.0]
     intervals["g"] = Interval(
         low=math.tanh(inside[0]),
@@ -130,7 +146,43 @@ def profile_along_g(fit: WavelengthFit) -> Profile:
     )
 
 
-def _interval_of(middle: Array, deviation: Array, chi2: Array) -> Interval:
+def _share_of_shapes(shapes: Array, chi2: Array) -> Array:
+    """Likelihood times step in g, over g >= 0 where the data allow that; sums to 1."""
+    if shapes.size < 2:
+        return np.ones(shapes.size)
+    forward = shapes >= 0.0
+    allowed = forward if np.any(chi2[forward] <= 1.0) else np.ones(shapes.size, np.bool_)
+    share = np.where(allowed, np.gradient(np.tanh(shapes)) * np.exp(-0.5 * chi2), 0.0)
+    return np.asarray(share / share.sum())
+
+
+def _integrated(middle: Array, deviation: Array, share: Array) -> Interval:
+    """Middle 68 % of a mixture of normal distributions of a logarithm."""
+    kept = share > 1e-6 * share.max()
+    middle, deviation, share = middle[kept], deviation[kept], share[kept]
+    low, high = (_quantile(middle, deviation, share, tail) for tail in (_TAIL, 1.0 - _TAIL))
+    return Interval(low=math.exp(low), high=math.exp(high))
+
+
+def _quantile(middle: Array, deviation: Array, share: Array, level: float) -> float:
+    """Quantile of a mixture of normal distributions, by bisection."""
+    low = float((middle - 8.0 * deviation).min())
+    high = float((middle + 8.0 * deviation).max())
+    for _ in range(48):
+        x = 0.5 * (low + high)
+        below = 0.5 * (1.0 + _erf((x - middle) / (math.sqrt(2.0) * deviation)))
+        if float(share @ below) < level:
+            low = x
+        else:
+            high = x
+    return 0.5 * (low + high)
+
+
+def _erf(x: Array) -> Array:
+    return np.array([math.erf(value) for value in x.tolist()])
+
+
+def _profiled(middle: Array, deviation: Array, chi2: Array) -> Interval:
     """Ends of where min over g of chi2 + ((x - middle) / deviation)² stays below 1."""
     inside = chi2 <= 1.0
     reach = deviation[inside] * np.sqrt(1.0 - chi2[inside])

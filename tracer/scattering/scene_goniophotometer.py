@@ -84,7 +84,7 @@ def _compiled(scene: str | Path | Scene | Compilation) -> Compilation:
 def _traced(compilation: Compilation, counts: NDArray[np.int64], seed: int) -> Iterator[Portion]:
     from tracer.engine.wavefront import Wavefront
 
-    engine = Wavefront(compilation.arrays, seed)
+    engine = Wavefront(compilation.arrays, seed, meshes=compilation.solids)
     first = 0
     for count in counts:
         yield engine.trace(first, int(count), reuse=True)
