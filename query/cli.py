@@ -13,10 +13,12 @@ from query.cli_options import (
     Json,
     MapPath,
     Opened,
+    Scheduler,
     Strict,
     Threads,
     progress_line,
     read_criterion,
+    workers,
 )
 from query.cli_rayfile import rayfile
 from query.cli_studies import audit, compare, ghosts, illuminated, sweep
@@ -50,6 +52,7 @@ def query(
     rows: Annotated[str, typer.Option(help="Rows of the output: segments or rays.")] = "segments",
     filter_string: Filter = False,
     threads: Threads = None,
+    scheduler: Scheduler = None,
     json: Json = False,
     strict: Strict = False,
 ) -> None:
@@ -62,7 +65,7 @@ def query(
         from query.output import check_target
 
         check_target(output, rows)
-    with Opened(map, strict) as ray_map:
+    with Opened(map, strict) as ray_map, workers(scheduler) as executor:
         asked = read_criterion(criterion, ray_map, filter_string)
         if explain:
             _explain(ray_map, asked, threads, json)
@@ -76,6 +79,7 @@ def query(
             rays=not only_count,
             threads=threads,
             progress=progress_line(json),
+            executor=executor,
         )
         if output is not None:
             selection.write(output, rows)
@@ -120,6 +124,7 @@ def paths(
     source: Annotated[str | None, typer.Option(help="Only paths from this source.")] = None,
     filter_string: Filter = False,
     threads: Threads = None,
+    scheduler: Scheduler = None,
     json: Json = False,
     strict: Strict = False,
 ) -> None:
@@ -127,7 +132,7 @@ def paths(
     from query.tables import path_table
     from raymap.cli import emit_json
 
-    with Opened(map, strict) as ray_map:
+    with Opened(map, strict) as ray_map, workers(scheduler) as executor:
         asked = read_criterion(criterion, ray_map, filter_string)
         table = path_table(
             ray_map,
@@ -137,6 +142,7 @@ def paths(
             peak=peak,
             threads=threads,
             progress=progress_line(json),
+            executor=executor,
         )
         table = table.filter(
             reflections=reflections,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,10 +14,12 @@ __all__ = [
     "Json",
     "MapPath",
     "Opened",
+    "Scheduler",
     "Strict",
     "Threads",
     "progress_line",
     "read_criterion",
+    "workers",
 ]
 
 MapPath = Annotated[Path, typer.Argument(help="A ray map, or a folder of them.")]
@@ -24,6 +27,10 @@ Criterion = Annotated[str | None, typer.Argument(help="Which rays; all without i
 Json = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
 Strict = Annotated[bool, typer.Option("--strict", help="Fail at damage instead of skipping it.")]
 Threads = Annotated[int | None, typer.Option(min=1, help="Default: the cores there are.")]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(help="Search shards on the workers of the Dask scheduler at this address."),
+]
 Filter = Annotated[
     bool, typer.Option("--filter-string", help="The criterion is a filter string: H3 & !R4.")
 ]
@@ -47,6 +54,15 @@ class Opened:
         # Damage that was met on the way, too, is said on stderr.
         warn_of_damage(self.map, self._known)
         self.map.close()
+
+
+def workers(scheduler: str | None) -> AbstractContextManager[Any]:
+    """The executor of a scheduler; none where no address is given."""
+    if scheduler is None:
+        return nullcontext()
+    from raymap.cluster import scheduler_executor
+
+    return scheduler_executor(scheduler)
 
 
 def read_criterion(text: str | None, map: Any, is_filter: bool) -> Any:

@@ -142,7 +142,7 @@ class Scan:
         self.want_rays = rays or (visit is not None and not plain_only)
         self.progress = progress
         self.threads = threads or default_threads()
-        self._is_cancelled = _cancel_function(cancel)
+        self.is_cancelled = _cancel_function(cancel)
         self._bytes_before = map.bytes_read
         self.merged = map.merged if use_merged else None
         self.n_sources = len(map.directory.sources)
@@ -261,7 +261,7 @@ class Scan:
 
     def check(self) -> None:
         """Raise `Cancelled` once the search is cancelled."""
-        if self._is_cancelled():
+        if self.is_cancelled():
             raise Cancelled
 
     def _visit(self, index: int, everything: bool) -> _Visit:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from query.builders import as_criterion
 from query.reasons import reason_for_nothing
 from query.scan import Cancel, Progress, Scan, map_facts
 from query.selection import Selection
+from query.sharded import scan_shards, worth_spreading
 from query.tally import Tally
 from raymap.errors import CriterionError
 
@@ -46,6 +48,7 @@ def select(
     cancel: Cancel = None,
     threads: int | None = None,
     use_merged: bool = True,
+    executor: Executor | None = None,
 ) -> Selection:
     """Find the rays of a map that satisfy a criterion.
 
@@ -61,6 +64,8 @@ def select(
         what was found so far is returned, with ``complete`` False
     threads : default: the cores this process may use
     use_merged : False ignores the merged dictionary; the answer is the same
+    executor : searches the shards of a map on its workers (Dask's ``client.get_executor()``, a
+        process pool), which must see the files; progress then counts shards
 
     Raises
     ------
@@ -73,6 +78,8 @@ def select(
     if limit is not None and limit < 1:
         raise CriterionError(f"limit must be at least 1, found {limit}")
     [node] = bind_all(map, [criterion])
+    if executor is not None and worth_spreading(map, executor):
+        return _spread(map, node, criterion, executor, limit, rays, progress, cancel, start)
     scan = Scan(
         map,
         [node],
@@ -90,6 +97,40 @@ def select(
     selection.seconds = time.perf_counter() - start
     if selection.matched == 0 and selection.complete:
         selection.reason = reason_for_nothing(scan, node)
+    return selection
+
+
+def _spread(
+    map: Any,
+    node: BoundNode,
+    criterion: object,
+    executor: Executor,
+    limit: int | None,
+    rays: bool,
+    progress: Callable[[Progress], None] | None,
+    cancel: Cancel,
+    start: float,
+) -> Selection:
+    """The selection of a sharded map, searched by the workers of an executor."""
+    found = scan_shards(
+        map, node, criterion, executor, rays=rays or limit is not None, limit=limit,
+        progress=progress, cancel=cancel,
+    )  # fmt: skip
+    scan, tally, limited = found.scan, found.tally, False
+    if limit is not None and tally.rays.sum() >= limit:
+        # Every shard sent its own smallest numbers: keep the smallest of all
+        numbers = [
+            (index, map.portions[index].ray_ids()[scan.rays_of(index, 0)]) for index in scan.masks
+        ]
+        joined = np.concatenate([ids for _, ids in numbers])
+        reach = int(np.partition(joined, limit - 1)[limit - 1])
+        tally, limited = _trim(scan, numbers, reach), True
+    selection = Selection(map, node, criterion, scan, 0, tally, found.emitted)
+    selection.limited = limited
+    selection.portions_read, selection.bytes_read = found.portions_read, found.bytes_read
+    selection.seconds = time.perf_counter() - start
+    if selection.matched == 0 and selection.complete:
+        selection.reason = reason_for_nothing(Scan(map, [node]), node)
     return selection
 
 

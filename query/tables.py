@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from html import escape
 from typing import Any
@@ -17,6 +18,7 @@ from query.peaks import find_peaks
 from query.scan import Cancel, Progress, Scan
 from query.search import Found
 from query.selector import bind_all
+from query.sharded import paths_of_shards, worth_spreading
 from query.tally import Tally, source_factors, variances
 from raymap.errors import RayMapError
 
@@ -66,12 +68,17 @@ class PathRow:
 
 
 @dataclass(frozen=True, eq=False)
-class _Part:
-    """Grouped paths of the merged dictionary or of one portion; ``places`` tell where one is."""
+class Part:
+    """Grouped paths; ``places`` tell where one of each group stands.
+
+    Attributes
+    ----------
+    places : (n, 2) int64, where: a portion, -1 the merged paths, -2 - k those of shard k; and row
+    """
 
     keys: Keys
     tally: Tally
-    places: NDArray[np.int64]  # (n, 2): portion or -1 for the merged paths, row
+    places: NDArray[np.int64]
 
 
 class PathTable:
@@ -89,7 +96,7 @@ class PathTable:
     def __init__(
         self,
         map: Any,
-        part: _Part,
+        part: Part,
         order: Ints,
         emitted: Ints,
         by_source: Tally,
@@ -174,11 +181,15 @@ class PathTable:
         )
 
     def _base(self, place: int) -> PathContext:
-        """Paths of the merged dictionary (-1) or of a portion."""
+        """Paths of a merged dictionary or of a portion."""
         if place not in self._bases:
             if len(self._bases) > 8:
                 self._bases.clear()
-            paths = self.map.merged.paths if place < 0 else self.map.portions[place].paths()
+            if place >= 0:
+                paths = self.map.portions[place].paths()
+            else:
+                merged = self.map if place == -1 else self.map.shards[-2 - place]
+                paths = merged.merged.paths
             self._bases[place] = PathContext(paths)
         return self._bases[place]
 
@@ -266,6 +277,7 @@ def path_table(
     progress: Callable[[Progress], None] | None = None,
     cancel: Cancel = None,
     use_merged: bool = True,
+    executor: Executor | None = None,
 ) -> PathTable:
     """Paths of a selection with rays, flux, standard error and share.
 
@@ -277,6 +289,7 @@ def path_table(
     by : "face" tells faces apart, "object" only objects
     sort : "flux", "rays" or "peak" (brightest cell of the path's picture on the detector ``peak``)
     peak : detector whose brightest cell each row tells; reads the descriptors of all rays
+    executor : groups the paths of shards on its workers, as for `select`; peaks are found here
 
     Raises
     ------
@@ -288,14 +301,46 @@ def path_table(
         raise RayMapError(f"path tables are sorted by {', '.join(SORTS)}, not {sort!r}")
     detector = _peak_detector(map, peak, sort)
     [node] = bind_all(map, [criterion])
+    if executor is not None and worth_spreading(map, executor):
+        parts, by_source, emitted, complete = paths_of_shards(
+            map, criterion, by, executor, progress=progress, cancel=cancel
+        )
+        part = _joined(parts) if parts else _empty()
+    else:
+        part, by_source, emitted, complete, _ = collect_paths(
+            map, criterion, by, threads=threads, progress=progress, cancel=cancel,
+            use_merged=use_merged,
+        )  # fmt: skip
+    peaks = None
+    if detector is not None:
+        peaks = find_peaks(map, node, part.keys, by, detector, emitted, threads, cancel)
+    order = _ordered(map, part, emitted, sort, peaks)
+    return PathTable(map, part, order, emitted, by_source, by, complete, peaks)
+
+
+def collect_paths(
+    map: Any,
+    criterion: object,
+    by: str,
+    *,
+    threads: int | None = None,
+    progress: Callable[[Progress], None] | None = None,
+    cancel: Cancel = None,
+    use_merged: bool = True,
+) -> tuple[Part, Tally, NDArray[np.int64], bool, list[int]]:
+    """Grouped paths of a selection, sums by source, rays emitted; whether it is all; damage.
+
+    The last are the indices of damaged portions.
+    """
+    [node] = bind_all(map, [criterion])
     merged = map.merged if use_merged else None
-    parts: list[_Part] = []
+    parts: list[Part] = []
     keys, representatives, labels = None, None, None
     if merged is not None:
         keys = path_keys(PathContext(merged.paths), by)
         representatives, labels = group(keys)
 
-    def take(index: int, product: _Part) -> None:
+    def take(index: int, product: Part) -> None:
         parts.append(product)
         if sum(len(part.places) for part in parts) > _COMPACT_ROWS:
             parts[:] = [_joined(parts)]
@@ -315,14 +360,9 @@ def path_table(
     [totals] = scan.run()
     if keys is not None and representatives is not None:
         places = np.stack([np.full(len(representatives), -1), representatives], axis=1)
-        parts.append(_Part(keys.take(representatives), totals.by_label, places))
+        parts.append(Part(keys.take(representatives), totals.by_label, places))
     part = _joined(parts) if parts else _empty()
-    emitted = scan.emitted
-    peaks = None
-    if detector is not None:
-        peaks = find_peaks(map, node, part.keys, by, detector, emitted, threads, cancel)
-    order = _ordered(map, part, emitted, sort, peaks)
-    return PathTable(map, part, order, emitted, totals.by_source, by, scan.complete, peaks)
+    return part, totals.by_source, scan.emitted, scan.complete, list(scan.damaged)
 
 
 def _peak_detector(map: Any, peak: str | None, sort: str) -> int | None:
@@ -334,13 +374,13 @@ def _peak_detector(map: Any, peak: str | None, sort: str) -> int | None:
     return None if peak is None else _index(peak, detectors, "detector")
 
 
-def _empty() -> _Part:
+def _empty() -> Part:
     none = np.zeros(0, np.int64)
     keys = Keys(none.astype(np.uint64), none.astype(np.uint64), none, none, none, none)  # type: ignore[arg-type]
-    return _Part(keys, Tally.zeros(0), np.zeros((0, 2), np.int64))
+    return Part(keys, Tally.zeros(0), np.zeros((0, 2), np.int64))
 
 
-def _grouped(found: Found, by: str) -> _Part:
+def _grouped(found: Found, by: str) -> Part:
     """Paths of one portion that stands alone; runs in a worker thread."""
     keys = path_keys(found.paths.base, by)
     representatives, groups = group(keys)
@@ -353,10 +393,10 @@ def _grouped(found: Found, by: str) -> _Part:
     some = np.flatnonzero(tally.rays)
     places = np.stack([np.full(len(some), found.index), representatives[some]], axis=1)
     kept = Tally(tally.rays[some], tally.sum_w[some], tally.sum_w2[some])
-    return _Part(keys.take(representatives[some]), kept, places)
+    return Part(keys.take(representatives[some]), kept, places)
 
 
-def _joined(parts: list[_Part]) -> _Part:
+def _joined(parts: list[Part]) -> Part:
     """Parts with equal paths added up."""
     keys = Keys.join([part.keys for part in parts])
     tallies = [part.tally for part in parts]
@@ -369,11 +409,11 @@ def _joined(parts: list[_Part]) -> _Part:
         len(representatives),
     )
     places = np.concatenate([part.places for part in parts])[representatives]
-    return _Part(keys.take(representatives), tally, places)
+    return Part(keys.take(representatives), tally, places)
 
 
 def _ordered(
-    map: Any, part: _Part, emitted: Ints, sort: str, peaks: dict[str, NDArray[Any]] | None
+    map: Any, part: Part, emitted: Ints, sort: str, peaks: dict[str, NDArray[Any]] | None
 ) -> Ints:
     """Rows with rays, strongest first; ties are broken by the key, so that order is stable."""
     tally, keys = part.tally, part.keys

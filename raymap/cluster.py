@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
-from concurrent.futures import Executor, ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    Executor,
+    ThreadPoolExecutor,
+    wait,
+)
 from contextlib import contextmanager
 from typing import Any
 
 from raymap.errors import MissingExtra, RayMapError
 
-__all__ = ["scheduler_executor", "shares_memory", "worker_count"]
+__all__ = ["TRIES", "gather", "scheduler_executor", "shares_memory", "worker_count"]
 
 CONNECT_SECONDS = 15
+
+TRIES = 4
+"""How often a task is begun before its workers are given up."""
 
 
 @contextmanager
@@ -71,3 +80,51 @@ def worker_count(executor: Executor) -> int:
 def shares_memory(executor: Executor) -> bool:
     """Whether tasks run in this process."""
     return isinstance(executor, ThreadPoolExecutor)
+
+
+def gather(
+    executor: Executor,
+    function: Callable[[Any], Any],
+    tasks: Sequence[Any],
+    cancel: Callable[[], bool] | None = None,
+) -> Iterator[tuple[int, Any]]:
+    """(number of a task, its result) as they come; a task whose worker is lost is begun again.
+
+    Once ``cancel`` is true no more results come.
+
+    Raises
+    ------
+    RayMapError
+        What a task raised, or that the executor failed.
+    """
+    pending = {executor.submit(function, task): (number, 1) for number, task in enumerate(tasks)}
+    try:
+        while pending:
+            if cancel is not None and cancel():
+                return
+            finished, _ = wait(pending, timeout=0.25, return_when=FIRST_COMPLETED)
+            for future in finished:
+                if cancel is not None and cancel():
+                    return
+                number, tries = pending.pop(future)
+                try:
+                    result = future.result()
+                except RayMapError:
+                    raise
+                except Exception as error:  # every kind of executor loses workers in its own way
+                    if tries >= TRIES or isinstance(error, BrokenExecutor):
+                        raise _failed(error) from None
+                    pending[executor.submit(function, tasks[number])] = number, tries + 1
+                    continue
+                yield number, result
+    finally:
+        for future in pending:
+            future.cancel()
+
+
+def _failed(error: BaseException) -> RayMapError:
+    line = " ".join(str(error).split()) or "no reason given"
+    return RayMapError(
+        f"the executor failed ({type(error).__name__}: {line[:300]}); see that its workers have "
+        "Raymap and memory enough"
+    )

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any
 import zstandard
 
 from raymap.address import Address, place_of
-from raymap.cluster import worker_count
+from raymap.cluster import TRIES, worker_count
 from raymap.errors import MapExists, MapLocked, RayMapError, SceneError, SceneMismatch
 from raymap.locking import try_lock
 from raymap.opening import open as open_map
@@ -42,9 +42,6 @@ __all__ = ["ShardTask", "record_shards", "trace_shard"]
 
 LEAST_RAYS, MOST_RAYS = 2**13, 2**20
 """Rays of a shard, unless they are given."""
-
-TRIES = 4
-"""How often a shard is begun before its trace is given up."""
 
 
 @dataclass(frozen=True, kw_only=True)
