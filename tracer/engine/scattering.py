@@ -44,8 +44,11 @@ from tracer.scene.arrays import (
 
 __all__ = [
     "Outcome",
+    "meet_filter",
     "meet_scatterer",
     "metal_reflectance",
+    "sample_measured",
+    "sample_retroreflector",
     "scatter_specular",
     "survive_metal",
 ]
@@ -74,7 +77,7 @@ def meet_scatterer(
             code, colors, counters, state,
         )  # fmt: skip
     if kind == FILTER:
-        return _meet_filter(
+        return meet_filter(
             surface_f, medium_f, surface, medium, dx, dy, dz, cos_i, code, colors, counters, state
         )
     # Local frame: z along the normal on the side of the incident ray
@@ -96,11 +99,11 @@ def meet_scatterer(
             colors, counters, state,
         )  # fmt: skip
     elif kind == RETROREFLECTOR:
-        happened, x, y, z, code, state = _retroreflector(
+        happened, x, y, z, code, state = sample_retroreflector(
             surface_f, surface, wi_x, wi_y, cos_i, code, colors, counters, state
         )
     else:
-        happened, x, y, z, code, state = _tabulated(
+        happened, x, y, z, code, state = sample_measured(
             surface_i, tables, surface, wi_x, wi_y, cos_i, code, colors, state
         )
     if happened == _ABSORBED:
@@ -218,7 +221,7 @@ def _meet_mirror(
 
 
 @inner_kernel
-def _meet_filter(
+def meet_filter(
     surface_f: F64, medium_f: F64, surface: int, medium: int, dx: float, dy: float, dz: float,
     cos_i: float, code: int, colors: F64, counters: I64, state: np.uint64,
 ) -> Outcome:  # fmt: skip
@@ -306,7 +309,7 @@ def _rough_mirror(
 
 
 @inner_kernel
-def _retroreflector(
+def sample_retroreflector(
     surface_f: F64, surface: int, wi_x: float, wi_y: float, wi_z: float, code: int, colors: F64,
     counters: I64, state: np.uint64,
 ) -> tuple[int, float, float, float, int, np.uint64]:  # fmt: skip
@@ -322,7 +325,7 @@ def _retroreflector(
 
 
 @inner_kernel
-def _tabulated(
+def sample_measured(
     surface_i: I64, tables: F64, surface: int, wi_x: float, wi_y: float, wi_z: float, code: int,
     colors: F64, state: np.uint64,
 ) -> tuple[int, float, float, float, int, np.uint64]:  # fmt: skip

@@ -30,13 +30,18 @@ from tracer.engine.buffers import COLORS
 from tracer.engine.colors import mean_of, pick_channel, recolor
 from tracer.engine.directions import about, sample_cosine_cone
 from tracer.engine.random import advance, uniform
-from tracer.engine.scattering import meet_scatterer, metal_reflectance, survive_metal
+from tracer.engine.scattering import (
+    meet_filter,
+    metal_reflectance,
+    sample_measured,
+    sample_retroreflector,
+    survive_metal,
+)
 from tracer.engine.splitting import T_CODE, T_EVENT, T_PENDING, Twins, keep_twin
-from tracer.engine.surfaces import meet_surface
+from tracer.engine.surfaces import coating, meet_surface
 from tracer.geometry.kinds import F64, I64
 from tracer.optics.abg import pdf_radial, sample_radial, scatter_share
 from tracer.optics.bsdf import pdf_tabulated
-from tracer.optics.coatings import coating_share
 from tracer.optics.fresnel import fresnel_reflectance
 from tracer.optics.microfacet import (
     eval_rough_conductor,
@@ -47,12 +52,14 @@ from tracer.optics.microfacet import (
 from tracer.optics.phase import pdf_phase
 from tracer.scene.arrays import (
     DIELECTRIC,
+    FILTER,
     LAMBERTIAN,
     M_DISPERSIVE,
     MIRROR,
     R_AIM,
     R_FAINT,
     R_LEAST,
+    RETROREFLECTOR,
     ROUGH_DIELECTRIC,
     ROUGH_MIRROR,
     S_KIND,
@@ -156,9 +163,10 @@ def _end_faint_ray(
 @inner_kernel
 def _meet_weighted(
     rare: RareLight, twins: Twins | None, ray: int, deep: bool, x: float, y: float, z: float,
-    weight: float, surface_i: I64, surface_f: F64, medium_i: I64, medium_f: F64, tables: F64,
-    surface: int, medium: int, other: int, dx: float, dy: float, dz: float, nx: float, ny: float,
-    nz: float, cosine: float, code: int, colors: F64, counters: I64, state: np.uint64,
+    weight: float, surface_i: I64, surface_f: F64, medium_i: I64, medium_f: F64,
+    tables: F64 | None, surface: int, medium: int, other: int, dx: float, dy: float, dz: float,
+    nx: float, ny: float, nz: float, cosine: float, code: int, colors: F64, counters: I64,
+    state: np.uint64,
 ) -> Weighted:  # fmt: skip
     if cosine > 0.0:
         nx, ny, nz = -nx, -ny, -nz
@@ -175,6 +183,22 @@ def _meet_weighted(
             rare, x, y, z, weight, surface_f, surface, dx, dy, dz, nx, ny, nz, code, colors,
             counters, state,
         )  # fmt: skip
+    if tables is None:
+        return _ABSORBED, False, dx, dy, dz, code, state, weight
+    return _meet_scatterer(
+        rare, x, y, z, weight, surface_i, surface_f, medium_i, medium_f, tables, surface, medium,
+        other, dx, dy, dz, nx, ny, nz, cos_i, code, colors, counters, state,
+    )  # fmt: skip
+
+
+@inner_kernel
+def _meet_scatterer(
+    rare: RareLight, x: float, y: float, z: float, weight: float, surface_i: I64, surface_f: F64,
+    medium_i: I64, medium_f: F64, tables: F64, surface: int, medium: int, other: int, dx: float,
+    dy: float, dz: float, nx: float, ny: float, nz: float, cos_i: float, code: int, colors: F64,
+    counters: I64, state: np.uint64,
+) -> Weighted:  # fmt: skip
+    kind = surface_i[surface, S_KIND]
     if kind == MIRROR:
         state = advance(state)
         reflected, code = survive_metal(
@@ -195,19 +219,17 @@ def _meet_weighted(
             rare, x, y, z, weight, surface_i, surface_f, medium_i, medium_f, tables, surface,
             medium, other, dx, dy, dz, nx, ny, nz, cos_i, code, colors, counters, state,
         )  # fmt: skip
-    if kind == TABULATED:
-        return _meet_tabulated(
-            rare, x, y, z, weight, surface_i, surface_f, medium_f, tables, surface, medium, other,
-            dx, dy, dz, nx, ny, nz, cos_i, code, colors, counters, state,
+    if kind == FILTER:
+        happened, crosses, dx, dy, dz, code, state = meet_filter(
+            surface_f, medium_f, surface, medium, dx, dy, dz, cos_i, code, colors, counters, state
+        )
+        return happened, crosses, dx, dy, dz, code, state, weight
+    if kind in (TABULATED, RETROREFLECTOR):
+        return _meet_measured(
+            rare, x, y, z, weight, surface_i, surface_f, tables, surface, dx, dy, dz, nx, ny, nz,
+            cos_i, code, colors, counters, state,
         )  # fmt: skip
-    # Absorbers, filters and retroreflectors have nothing to choose more often
-    if cosine > 0.0:
-        nx, ny, nz = -nx, -ny, -nz
-    happened, crosses, dx, dy, dz, code, state = meet_surface(
-        surface_i, surface_f, medium_i, medium_f, tables, surface, medium, other, dx, dy, dz, nx,
-        ny, nz, cosine, code, colors, counters, state, 0,
-    )  # fmt: skip
-    return happened, crosses, dx, dy, dz, code, state, weight
+    return _ABSORBED, False, dx, dy, dz, code, state, weight
 
 
 # -- smooth interfaces ---------------------------------------------------------------------------
@@ -215,14 +237,14 @@ def _meet_weighted(
 
 @inner_kernel
 def _shares(
-    surface_i: I64, surface_f: F64, medium_f: F64, tables: F64, surface: int, medium: int,
+    surface_i: I64, surface_f: F64, medium_f: F64, tables: F64 | None, surface: int, medium: int,
     other: int, cos_i: float, k: int,
 ) -> tuple[float, float]:  # fmt: skip
     """Reflectance and transmittance of a smooth interface in channel k; total stays total."""
     n1, n2 = medium_f[medium, k], medium_f[other, k]
     if surface_i[surface, S_MODEL] == 2:
         place = surface_i[surface, S_METAL] + k * surface_i[surface, S_TRANSMITTED]
-        return coating_share(tables, place, n1, n2, cos_i)
+        return coating(tables, place, n1, n2, cos_i)
     reflectance = fresnel_reflectance(n1, n2, cos_i)
     if reflectance < 1.0 and surface_i[surface, S_MODEL] != 0:
         reflectance = float(surface_f[surface, SURFACE_ROW + k])
@@ -240,9 +262,10 @@ def _chosen(share: float, least: float) -> float:
 @inner_kernel
 def _meet_dielectric(
     rare: RareLight, twins: Twins | None, ray: int, deep: bool, x: float, y: float, z: float,
-    weight: float, surface_i: I64, surface_f: F64, medium_i: I64, medium_f: F64, tables: F64,
-    surface: int, medium: int, other: int, dx: float, dy: float, dz: float, nx: float, ny: float,
-    nz: float, cos_i: float, code: int, colors: F64, counters: I64, state: np.uint64,
+    weight: float, surface_i: I64, surface_f: F64, medium_i: I64, medium_f: F64,
+    tables: F64 | None, surface: int, medium: int, other: int, dx: float, dy: float, dz: float,
+    nx: float, ny: float, nz: float, cos_i: float, code: int, colors: F64, counters: I64,
+    state: np.uint64,
 ) -> Weighted:  # fmt: skip
     """Smooth interface: reflection with at least the set probability, or both parts."""
     n_channels = colors.shape[1]
@@ -342,7 +365,7 @@ def _meet_dielectric(
 
 @inner_kernel
 def _recolor(
-    surface_i: I64, surface_f: F64, medium_f: F64, tables: F64, surface: int, medium: int,
+    surface_i: I64, surface_f: F64, medium_f: F64, tables: F64 | None, surface: int, medium: int,
     other: int, cos_i: float, code: int, colors: F64, counters: I64,
 ) -> int:  # fmt: skip
     """Colour after reflection where each channel has its own reflectance."""
@@ -400,16 +423,28 @@ def _balance(
     return density / (q * aimed + (1.0 - q) * density)
 
 
-@inner_kernel
+@inline_kernel
 def _scatter(
+    rare: RareLight, x: float, y: float, z: float, weight: float, surface_i: I64,
+    tables: F64 | None, surface: int, nx: float, ny: float, nz: float, dx: float, dy: float,
+    dz: float, code: int, colors: F64, counters: I64, state: np.uint64,
+) -> tuple[bool, float, float, float, int, np.uint64, float]:  # fmt: skip
+    """Scatter specular light (direction d, normal on its side) by the surface's law, if any."""
+    if tables is None or surface_i[surface, S_TABLE] < 0:
+        return False, dx, dy, dz, code, state, weight
+    return _scatter_by_law(
+        rare, x, y, z, weight, surface_i, tables, surface, nx, ny, nz, dx, dy, dz, code, colors,
+        counters, state,
+    )  # fmt: skip
+
+
+@inner_kernel
+def _scatter_by_law(
     rare: RareLight, x: float, y: float, z: float, weight: float, surface_i: I64, tables: F64,
     surface: int, nx: float, ny: float, nz: float, dx: float, dy: float, dz: float, code: int,
     colors: F64, counters: I64, state: np.uint64,
 ) -> tuple[bool, float, float, float, int, np.uint64, float]:  # fmt: skip
-    """Scatter specular light (direction d, normal on its side) by the surface's law, if any."""
     first, stride = surface_i[surface, S_TABLE], surface_i[surface, S_STRIDE]
-    if first < 0:
-        return False, dx, dy, dz, code, state, weight
     n_channels = colors.shape[1]
     mixed = stride > 0 and code >= n_channels
     k = 0
@@ -493,29 +528,38 @@ def _meet_lambertian(
 
 
 @inner_kernel
-def _meet_tabulated(
+def _meet_measured(
     rare: RareLight, x: float, y: float, z: float, weight: float, surface_i: I64, surface_f: F64,
-    medium_f: F64, tables: F64, surface: int, medium: int, other: int, dx: float, dy: float,
-    dz: float, nx: float, ny: float, nz: float, cos_i: float, code: int, colors: F64,
-    counters: I64, state: np.uint64,
+    tables: F64, surface: int, dx: float, dy: float, dz: float, nx: float, ny: float, nz: float,
+    cos_i: float, code: int, colors: F64, counters: I64, state: np.uint64,
 ) -> Weighted:  # fmt: skip
-    """Measured scatter: its side and its losses by roulette, its direction aimed."""
-    happened, crosses, ox, oy, oz, code, state = meet_scatterer(
-        surface_i, surface_f, medium_f, tables, surface, medium, other, dx, dy, dz, nx, ny, nz,
-        cos_i, code, colors, counters, state,
-    )  # fmt: skip
+    """Measured scatter: its side and its losses by roulette, its direction aimed. Also a
+    retroreflector, which nothing is aimed from."""
+    ux, uy, uz, vx, vy, vz = _frame(nx, ny, nz)
+    ix, iy = -(dx * ux + dy * uy + dz * uz), -(dx * vx + dy * vy + dz * vz)
+    measured = surface_i[surface, S_KIND] == TABULATED
+    if measured:
+        happened, px, py, pz, code, state = sample_measured(
+            surface_i, tables, surface, ix, iy, cos_i, code, colors, state
+        )
+    else:
+        happened, px, py, pz, code, state = sample_retroreflector(
+            surface_f, surface, ix, iy, cos_i, code, colors, counters, state
+        )
     if happened == _ABSORBED:
+        return happened, False, dx, dy, dz, code, state, weight
+    crosses = pz < 0.0
+    ox, oy, oz = px * ux + py * vx + pz * nx, px * uy + py * vy + pz * ny, px * uz + py * vz + pz * nz  # fmt: skip # noqa: E501
+    if not measured:
         return happened, crosses, ox, oy, oz, code, state, weight
     side = -1.0 if crosses else 1.0
     table = surface_i[surface, S_TRANSMITTED] if crosses else surface_i[surface, S_TABLE]
     hx, hy, hz = side * nx, side * ny, side * nz
     ox, oy, oz, q, count, state = _aim(rare, x, y, z, hx, hy, hz, True, ox, oy, oz, state)
     if count > 0:
-        ux, uy, uz, vx, vy, vz = _frame(nx, ny, nz)
         density = pdf_tabulated(
-            tables, table, -(dx * ux + dy * uy + dz * uz), -(dx * vx + dy * vy + dz * vz), cos_i,
-            ox * ux + oy * uy + oz * uz, ox * vx + oy * vy + oz * vz, ox * nx + oy * ny + oz * nz,
-            side,
+            tables, table, ix, iy, cos_i, ox * ux + oy * uy + oz * uz,
+            ox * vx + oy * vy + oz * vz, ox * nx + oy * ny + oz * nz, side,
         )  # fmt: skip
         weight *= _balance(rare, x, y, z, hx, hy, hz, True, ox, oy, oz, q, count, density)
     return happened, crosses, ox, oy, oz, code, state, weight
