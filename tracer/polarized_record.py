@@ -37,8 +37,9 @@ from tracer.engine.polarized import (
     polarize_rays,
 )
 from tracer.engine.wavefront import Wavefront
+from tracer.geometry.kinds import MESH
 from tracer.record import RecordResult
-from tracer.scene.arrays import F_OBJECT, F_TRIANGLE
+from tracer.scene.arrays import F_KIND, F_OBJECT, F_TRIANGLE
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.load import load_scene
 from tracer.scene.model import Scene
@@ -93,6 +94,8 @@ class Polarization:
             met, triangle = arrays.face_i[row, F_OBJECT], arrays.face_i[row, F_TRIANGLE]
             if met >= 0:
                 face[first[met] + triangle] = row
+        if compilation.solids is not None:
+            _name_triangles(face, first, compilation)
 
         table = directory.faces
         polariser = np.zeros((len(arrays.face_i), 4))
@@ -121,6 +124,19 @@ class Polarization:
         return SpecialFaces(first, face, polariser, vibration)
 
 
+def _name_triangles(
+    face: NDArray[np.int64], first: NDArray[np.int64], compilation: Compilation
+) -> None:
+    """Give every triangle of a mesh the row of its named face."""
+    arrays, table = compilation.arrays, compilation.directory.faces
+    for row in np.flatnonzero(arrays.face_i[:, F_KIND] == MESH).tolist():
+        met, triangle = arrays.face_i[row, F_OBJECT], arrays.face_i[row, F_TRIANGLE]
+        of_object = slice(int(table.first_face[met]), int(table.first_face[met + 1]))
+        [place] = np.flatnonzero(table.first_primitive[of_object] == triangle)
+        start = first[met] + triangle
+        face[start : start + table.primitive_count[of_object][place]] = row
+
+
 class PolarizedWavefront:
     """Traces portions of polarised light; safe to call from many threads."""
 
@@ -129,7 +145,7 @@ class PolarizedWavefront:
         self.seed = seed
         self.polarization = polarization
         self.special = polarization.special_faces(compilation)
-        self.engine = Wavefront(compilation.arrays, seed, exact=True)
+        self.engine = Wavefront(compilation.arrays, seed, meshes=compilation.solids, exact=True)
         self._local = threading.local()
 
     def trace(self, first_ray: int, n_rays: int) -> Portion:

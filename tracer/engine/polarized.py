@@ -38,7 +38,7 @@ from tracer.engine.polarized_waves import (
     turn_waves,
 )
 from tracer.engine.random import advance, stream_state, uniform
-from tracer.geometry.kinds import F64, I64
+from tracer.geometry.kinds import F64, I64, MESH
 from tracer.geometry.normals import face_normal
 from tracer.optics.fresnel import fresnel_reflectance
 from tracer.optics.phase import RAYLEIGH
@@ -277,8 +277,8 @@ def _face_of(special: SpecialFaces, rays: RayColumns, k: int) -> int:
 def _normal_at(
     scene: CompiledScene, rays: RayColumns, face: int, k: int, x: float, y: float, z: float
 ) -> tuple[float, float, float]:
-    """Outward normal of the face met, exact where its shape is known."""
-    if face >= 0:
+    """Outward normal of the face met, exact where its shape is known, else as recorded."""
+    if face >= 0 and scene.face_i[face, F_KIND] != MESH:
         return face_normal(scene.face_i[face, F_KIND], scene.face_f, face, x, y, z)
     nx, ny, nz = (
         rays.normal[k, 0] / 32767.0,
@@ -287,6 +287,23 @@ def _normal_at(
     )
     scale = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
     return nx * scale, ny * scale, nz * scale
+
+
+@inner_kernel
+def _bending_normal(
+    n1: float, n2: float, dx: float, dy: float, dz: float, ox: float, oy: float, oz: float,
+    nx: float, ny: float, nz: float,
+) -> tuple[float, float, float]:  # fmt: skip
+    """The normal that bends d into o, turned like n; n itself where the ray goes straight on.
+
+    Recorded normals of triangles are rounded, and smooth shading bends light by another one.
+    """
+    vx, vy, vz = n2 * ox - n1 * dx, n2 * oy - n1 * dy, n2 * oz - n1 * dz
+    length = math.sqrt(vx * vx + vy * vy + vz * vz)
+    if length < 1e-6:
+        return nx, ny, nz
+    scale = 1.0 / length if vx * nx + vy * ny + vz * nz > 0.0 else -1.0 / length
+    return vx * scale, vy * scale, vz * scale
 
 
 @inner_kernel
@@ -326,6 +343,14 @@ def _specular(
     )
     before = rays.medium[k - 1]
     factor = 1.0
+    if face >= 0 and scene.face_i[face, F_KIND] == MESH:
+        m1, m2 = 1.0, 1.0
+        if event & _REFRACTED != 0:
+            m1 = _index(scene.medium_f, max(0, before), rays.color_code[k], rays.color_table)
+            m2 = _index(
+                scene.medium_f, max(0, rays.medium[k]), rays.color_code[k], rays.color_table
+            )
+        nx, ny, nz = _bending_normal(m1, m2, dx, dy, dz, ox, oy, oz, nx, ny, nz)
     if not bare:
         turn_waves(
             waves, dx, dy, dz, nx, ny, nz, ox, oy, oz, 1.0 if event & _REFRACTED != 0 else -1.0

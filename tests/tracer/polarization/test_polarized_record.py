@@ -15,6 +15,7 @@ from raymap.portion import Portion
 from tracer import compile_scene, parse_scene
 from tracer.lens import Lens
 from tracer.polarized_record import Polarization, PolarizedWavefront, record_polarized
+from tracer.scene.load import load_scene
 from tracer.studies.lens_beams import parallel_beam
 from tracer.studies.levels import level_shares
 
@@ -359,3 +360,41 @@ def test_a_map_of_polarised_light(tmp_path: Path) -> None:
 def test_bad_options_are_refused_by_name(options: dict[str, object], named: str) -> None:
     with pytest.raises(SceneError, match=named):
         traced(SHEETS, 10, **options)
+
+
+def test_meshes_polarise_like_other_bodies(tmp_path: Path) -> None:
+    import trimesh
+
+    # Brewster's angle at a tilted glass block: reflected light is linear across the plane
+    trimesh.creation.box((20.0, 20.0, 6.0)).export(tmp_path / "block.stl")
+    tilt = math.degrees(math.atan(1.5))
+    axis = [math.sin(math.radians(tilt)), 0.0, -math.cos(math.radians(tilt))]
+    lamp = beam("[0, 0, 1]", "[0, 0, -20]")
+    place = f"position = [0, 0, 0]\naxis = {axis}\nmedium = 'glass'\nsurface = 'clear'\n"
+    results = []
+    for body in (
+        "[bodies.block]\nkind = 'mesh'\nfile = 'block.stl'\nscale = 1.0\n",
+        "[bodies.block]\nkind = 'box'\nsize = [20, 20, 6]\n",
+    ):
+        (tmp_path / "scene.toml").write_text(HEAD + lamp + body + place)
+        engine = PolarizedWavefront(
+            compile_scene(load_scene(tmp_path / "scene.toml")), 1, Polarization(states="natural")
+        )
+        portion = engine.trace(0, 20_000)
+        start, end = ends(portion)
+        direct = (portion.records_per_ray == 3) & (
+            portion.event[start + 1] & int(Event.SPECULAR_REFLECTION) != 0
+        )
+        assert direct.sum() > 1_000
+        state = portion.extra["stokes"][start[direct] + 1]
+        np.testing.assert_allclose(np.linalg.norm(state, axis=1), 1.0, atol=1e-6)
+        results.append((portion.weight[direct].sum(), portion.weight.sum()))
+        through = (portion.records_per_ray == 4) & ~direct
+        results[-1] += (portion.weight[through].sum(),)
+        results[-1] += (float(portion.extra["stokes"][end[through] - 1, 0].mean()),)
+    mesh, box = results
+    # Fresnel: half of 1 - (2 n / (1 + n²))² comes back
+    for reflected, *_ in results:
+        assert reflected / 20_000 == pytest.approx(0.5 * (1 - (3 / 3.25) ** 2), abs=4e-3)
+    np.testing.assert_allclose(mesh, box, rtol=0.05)
+    assert mesh[3] == pytest.approx(box[3], abs=1e-4)
