@@ -31,16 +31,17 @@ def color_runs(
     n = 0
     for ray in range(first.size):
         start = offsets[ray]
-        code = codes[start]
+        code = codes[np.uint64(start)]
         first[ray] = code
         before = n
         for i in range(start + 1, offsets[ray + 1]):
-            if codes[i] != code:
+            here = codes[np.uint64(i)]
+            if here != code:
                 if n == later.size:
                     return -1
-                code = codes[i]
-                lengths[n] = i - start
-                later[n] = code
+                code = here
+                lengths[np.uint64(n)] = i - start
+                later[np.uint64(n)] = code
                 start = i
                 n += 1
         changes[ray] = n - before

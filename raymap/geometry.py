@@ -424,9 +424,9 @@ def end_residuals(
     """
     folded[:] = 0
     for ray in range(sources.size):
-        first = record_offsets[ray]
-        last = record_offsets[ray + 1] - 1
-        source = sources[ray]
+        first = np.uint64(record_offsets[ray])
+        last = np.uint64(record_offsets[ray + 1] - 1)
+        source = np.uint16(sources[ray])
         if faces[first] < 0:
             for k in range(3):
                 folded[k, first] = _fold(normal[first, k], int(emission[source, k]))

@@ -49,7 +49,7 @@ def assign_faces(
     for i in range(objects.size):
         item = objects[i]
         triangle = triangles[i]
-        face = -1
+        face = np.int32(-1)
         if item < 0:
             if item != -1 or triangle != -1:
                 return i
@@ -57,16 +57,17 @@ def assign_faces(
             return i
         elif triangle >= 0:
             # Find the last face of the object that starts at or before the primitive
-            low = first_face[item]
-            high = first_face[item + 1]
+            low = first_face[np.uint16(item)]
+            high = first_face[np.uint32(item) + np.uint32(1)]
             if low < high:
                 while high - low > 1:
-                    middle = (low + high) >> 1
-                    if first_primitive[middle] <= triangle:
+                    middle = np.int32((low + high) >> 1)
+                    if first_primitive[np.uint32(middle)] <= triangle:
                         low = middle
                     else:
                         high = middle
-                if triangle - first_primitive[low] >= primitive_count[low]:
+                at = np.uint32(low)
+                if triangle - first_primitive[at] >= primitive_count[at]:
                     return i
                 face = low
         faces[i] = face
@@ -101,7 +102,9 @@ def hash_rays(rays: Itineraries, hashes: NDArray[np.uint64]) -> None:
     """Hash of each ray's itinerary; equal itineraries have equal hashes, others hardly ever."""
     for ray in range(rays.source.size):
         h = np.uint64(np.uint16(rays.source[ray])) + _P1
-        for i in range(rays.offsets[ray], rays.offsets[ray + 1]):
+        meeting = rays.meeting_offsets[np.uint64(rays.offsets[ray])]
+        for place in range(rays.offsets[ray], rays.offsets[ray + 1]):
+            i = np.uint64(place)
             low = np.uint64(np.uint16(rays.object[i])) | (
                 np.uint64(np.uint16(rays.medium[i])) << np.uint64(16)
             )
@@ -109,38 +112,44 @@ def hash_rays(rays: Itineraries, hashes: NDArray[np.uint64]) -> None:
                 np.uint64(np.uint32(rays.event[i])) << np.uint64(32)
             )
             h = _mix(h, high ^ (low * _P2))
-            for k in range(rays.meeting_offsets[i], rays.meeting_offsets[i + 1]):
+            end = rays.meeting_offsets[i + np.uint64(1)]
+            while meeting < end:
+                k = np.uint64(meeting)
                 detector = np.uint64(np.uint16(rays.detector[k])) << np.uint64(1)
                 h = _mix(h, detector | np.uint64(rays.registered[k]) | np.uint64(1 << 40))
+                meeting += 1
         hashes[ray] = h
 
 
 @kernel
 def _same(a: Itineraries, ray_a: int, b: Itineraries, ray_b: int) -> bool:
     """Compare two itineraries in full."""
-    first_a = a.offsets[ray_a]
-    first_b = b.offsets[ray_b]
-    n = a.offsets[ray_a + 1] - first_a
-    if b.offsets[ray_b + 1] - first_b != n or a.source[ray_a] != b.source[ray_b]:
+    one = np.uint64(1)
+    at_a, at_b = np.uint64(ray_a), np.uint64(ray_b)
+    n = a.offsets[at_a + one] - a.offsets[at_a]
+    if b.offsets[at_b + one] - b.offsets[at_b] != n or a.source[at_a] != b.source[at_b]:
         return False
+    first_a, first_b = np.uint64(a.offsets[at_a]), np.uint64(b.offsets[at_b])
+    end_a, end_b = a.meeting_offsets[first_a], b.meeting_offsets[first_b]
+    # Compare all points without a branch, then the few meetings
+    different = np.int64(0)
+    shift = end_b - end_a
     for k in range(n):
-        i = first_a + k
-        j = first_b + k
-        if (
-            a.object[i] != b.object[j]
-            or a.face[i] != b.face[j]
-            or a.event[i] != b.event[j]
-            or a.medium[i] != b.medium[j]
-        ):
+        i = first_a + np.uint64(k)
+        j = first_b + np.uint64(k)
+        different |= (
+            (a.object[i] ^ b.object[j])
+            | (a.face[i] ^ b.face[j])
+            | (a.event[i] ^ b.event[j])
+            | (a.medium[i] ^ b.medium[j])
+            | (a.meeting_offsets[i + one] + shift - b.meeting_offsets[j + one])
+        )
+    if different != 0:
+        return False
+    for m in range(a.meeting_offsets[first_a + np.uint64(n)] - end_a):
+        p, q = np.uint64(end_a + m), np.uint64(end_b + m)
+        if a.detector[p] != b.detector[q] or a.registered[p] != b.registered[q]:
             return False
-        count = a.meeting_offsets[i + 1] - a.meeting_offsets[i]
-        if count != b.meeting_offsets[j + 1] - b.meeting_offsets[j]:
-            return False
-        for m in range(count):
-            p = a.meeting_offsets[i] + m
-            q = b.meeting_offsets[j] + m
-            if a.detector[p] != b.detector[q] or a.registered[p] != b.registered[q]:
-                return False
     return True
 
 
@@ -181,9 +190,9 @@ def group_rays(
                 group[ray] = n_groups
                 n_groups += 1
                 break
-            other = representative[found]
+            other = np.uint32(representative[np.uint32(found)])
             if hashes[other] == h and _same(rays, ray, rays, other):
-                counts[found] += 1
+                counts[np.uint32(found)] += 1
                 group[ray] = found
                 break
             slot = (slot + np.uint64(1)) & mask
@@ -290,9 +299,10 @@ def expand_points(
 ) -> None:
     """Give each record the value of its path's point."""
     for ray in range(path_numbers.size):
-        start = path_offsets[path_numbers[ray]]
-        target = record_offsets[ray]
-        for i in range(record_offsets[ray + 1] - target):
+        start = np.uint64(path_offsets[path_numbers[ray]])
+        target = np.uint64(record_offsets[ray])
+        for k in range(record_offsets[ray + 1] - record_offsets[ray]):
+            i = np.uint64(k)
             out[target + i] = column[start + i]
 
 
@@ -395,10 +405,11 @@ def explicit_triangles(
     for i in range(faces.size):
         face = faces[i]
         if face >= 0:
-            if primitive_count[face] != 1:
-                explicit[n] = triangles[i] - first_primitive[face]
+            at = np.uint32(face)
+            if primitive_count[at] != 1:
+                explicit[np.uint64(n)] = triangles[i] - first_primitive[at]
                 n += 1
         elif objects[i] >= 0:
-            explicit[n] = triangles[i]
+            explicit[np.uint64(n)] = triangles[i]
             n += 1
     return n
