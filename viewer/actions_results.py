@@ -142,7 +142,9 @@ class ResultActions(CriterionActions):
             return session.picture(round(width * scale), round(height * scale)), "image/png"
         if kind == "glb":
             bodies = session.painter.visible(session.state)
-            return to_glb(bodies, shown.lines, shown.rgba), "model/gltf-binary"
+            unit = session.map.directory.length_unit
+            data = to_glb(bodies, shown.lines, shown.rgba, length_unit=unit, title="scene")
+            return data, "model/gltf-binary"
         if kind == "vtp":
             return to_vtp(shown.rays, shown.lines, shown.rgba), "application/xml"
         if kind == "session":

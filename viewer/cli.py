@@ -17,7 +17,10 @@ Rays = Annotated[int, typer.Option(min=1, help="Draw at most so many rays.")]
 
 def register(app: typer.Typer) -> None:
     """Hang the commands of this package on the application."""
+    from viewer.models.cli import export_3d
+
     app.command("picture")(picture)
+    app.command("export-3d")(export_3d)
     app.command("view")(view)
 
 
