@@ -431,6 +431,7 @@ def _from_results(map: Any, index: int, shape: tuple[int, int, int]) -> Detector
         flux_unit=map.directory.flux_unit,
         length_unit=map.directory.length_unit,
         channels=sums * factor,
-        variance=squares.sum(axis=2) * factor**2,
+        # Sums do not tell how channels go together: exact where light keeps its colour, else more
+        variance=np.sqrt(squares).sum(axis=2) ** 2 * factor**2,
         rays=np.round(sums.sum(axis=2)).astype(np.int64),
     )

@@ -10,10 +10,11 @@ from collections.abc import Callable
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from raymap.cells import is_pinhole
 from raymap.cluster import shares_memory
 from raymap.encoder import EncodedPortion
 from raymap.errors import MapExists, SceneError
@@ -25,6 +26,9 @@ from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.load import load_scene
 from tracer.scene.model import Scene
 from tracer.tally import Tally
+
+if TYPE_CHECKING:
+    from tracer.engine.pinhole import Pinholes
 
 __all__ = ["Progress", "RecordResult", "StoppedLight", "record", "run_into", "split_portion"]
 
@@ -220,6 +224,7 @@ class _Run:
             compilation.arrays, self.seed, meshes=compilation.solids, weighted=True
         )
         self.tally = Tally(compilation.directory, compilation.channel_set)
+        self.pinholes = _pinholes(compilation)
         self.implied_normals = all(
             face.primitive_count == 1 and face.quadrics and face.quadrics[0] is not None
             for item in compilation.directory.objects
@@ -266,7 +271,7 @@ class _Run:
         notes = self._notes()
         if self.writer:
             for k in range(len(self.compilation.directory.detectors)):
-                sums, sums2 = self.tally.detector_sums(k)
+                sums, sums2 = self._detector_sums(k)
                 self.writer.add_detector_result(k, sums, sums2, channel_set=self.channel_set)
         elapsed = time.perf_counter() - began
         if self.writer:
@@ -282,7 +287,7 @@ class _Run:
         for note in notes:
             warnings.warn(note, StoppedLight, stacklevel=3)
         detectors = {
-            item.name: self.tally.detector_sums(k)
+            item.name: self._detector_sums(k)
             for k, item in enumerate(self.compilation.directory.detectors)
         }
         return RecordResult(
@@ -299,6 +304,12 @@ class _Run:
             interrupted=interrupted,
             detectors=detectors,
         )
+
+    def _detector_sums(self, k: int) -> tuple[Any, Any]:
+        """What a detector counted in this run."""
+        if self.pinholes and k in self.pinholes.detectors:
+            return self.pinholes.detector_sums(k)
+        return self.tally.detector_sums(k)
 
     def _trace(self, pool: Executor, began: float) -> bool:
         """Keep every thread busy; commit in order. True if Ctrl-C stopped it."""
@@ -345,6 +356,8 @@ class _Run:
         """Trace and encode one portion (worker thread)."""
         portion = self._traced(first, n)
         self.tally.add(portion)
+        if self.pinholes:
+            self.pinholes.see(first, portion)
         if self.writer is None:
             return None
         if portion.n_records > PORTION_RECORDS and portion.n_rays > 1:
@@ -361,6 +374,8 @@ class _Run:
 
     def _commit(self, result: EncodedPortion | list[Portion] | None, first: int, n: int) -> int:
         """Write what a worker made; by how many later numbers shift."""
+        if self.pinholes:
+            self.pinholes.take(first)
         if result is None or self.writer is None:
             return 0
         if isinstance(result, list):
@@ -401,6 +416,21 @@ class _Run:
                 "overlap or touch: raymap query MAP 'event(geometry_error)' shows where"
             )
         return notes
+
+
+def _pinholes(compilation: Compilation) -> Pinholes | None:
+    """What sums up the pictures of pinholes; None where there are none."""
+    names = [item.name for item in compilation.directory.detectors if is_pinhole(item)]
+    if not names:
+        return None
+    if compilation.arrays.rare is not None:
+        raise SceneError(
+            f"{compilation.scene.origin}: detectors.{names[0]}: a pinhole needs the analog mode, "
+            "where all rays weigh the same; drop trace.mode, or take a camera"
+        )
+    from tracer.engine.pinhole import Pinholes
+
+    return Pinholes(compilation)
 
 
 def split_portion(portion: Portion) -> list[Portion]:
