@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,9 @@ from tracer.geometry.shapes import (
     SphereCap,
 )
 from tracer.scene.fields import Node, Placed, Positive
+
+if TYPE_CHECKING:
+    from tracer.geometry.mesh import TriangleMesh
 
 __all__ = [
     "BODIES",
@@ -425,6 +429,34 @@ class MeshBody(Body):
     angle_deg: Annotated[float, Field(gt=0, lt=180)] = 30.0
     smooth_deg: Annotated[float, Field(gt=0, lt=180)] | None = None
     flip: bool = False
+
+    def reading_key(self) -> tuple[object, ...]:
+        """What bodies that are placed from one reading of a file have in common."""
+        return (
+            self.file, self.scale, self.name_by, self.angle_deg, self.smooth_deg, self.flip,
+            self.medium is None,
+        )  # fmt: skip
+
+    def read(self, folder: Path, name: str) -> TriangleMesh:
+        """The triangles in the body's own frame [scene units].
+
+        Raises
+        ------
+        SceneError
+            where the file cannot be read or its triangles cannot be traced
+        """
+        from tracer.geometry.mesh_files import load_mesh
+
+        return load_mesh(
+            folder / self.file,
+            name=name,
+            scale=self.scale,
+            faces=self.name_by,
+            angle_deg=self.angle_deg,
+            smooth_deg=self.smooth_deg,
+            solid=self.medium is not None,
+            flip=self.flip,
+        )
 
 
 BODIES: dict[str, type[Body]] = {

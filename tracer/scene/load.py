@@ -23,6 +23,14 @@ from tracer.scene.selecting import SimulationModel, select_parts
 
 __all__ = ["load_scene", "parse_scene"]
 
+_MESH = '[bodies.NAME] with kind = "mesh", file and scale'
+_CAD = "[cad_files.NAME] with file"
+OTHER_FILES = {
+    ".step": _CAD, ".stp": _CAD, ".p21": _CAD, ".stl": _MESH, ".obj": _MESH, ".ply": _MESH,
+    ".gltf": _MESH, ".glb": _MESH,
+}  # fmt: skip
+"""Files of bodies alone, and how a scene takes them."""
+
 Model = TypeVar("Model", bound=BaseModel)
 
 _NAMED: dict[str, type[BaseModel]] = {
@@ -61,6 +69,11 @@ def load_scene(
                 simulation=simulation,
                 origin=path.name,
                 folder=path.parent,
+            )
+        if path.suffix.lower() in OTHER_FILES:
+            raise SceneError(
+                f"{path.name}: has no light and no detectors; write a scene file that takes it: "
+                f"{OTHER_FILES[path.suffix.lower()]}"
             )
     try:
         text = path.read_text(encoding="utf-8")
@@ -115,7 +128,8 @@ def parse_scene(
             for name, entry in entries.items()
         }
     tree["bodies"] = {
-        name: _body(entry, name, origin) for name, entry in _table(tree, "bodies", origin).items()
+        name: entry if isinstance(entry, Body) else _body(entry, name, origin)
+        for name, entry in _table(tree, "bodies", origin).items()
     }
     return _validated(Scene, tree, "", origin)
 
@@ -145,6 +159,14 @@ def _merge_files(tree: dict[str, Any], origin: str, folder: Path) -> None:
             model = _validated(LensFileModel, entry, f"lens_files.{name}", origin)
             merge_lens_file(tree, name, model, folder, origin)
     tree.pop("lens_files", None)
+    entries = _table(tree, "cad_files", origin)
+    if entries:
+        from tracer.importers.cad_bodies import CadFileModel, merge_cad_file
+
+        for name, entry in entries.items():
+            cad = _validated(CadFileModel, entry, f"cad_files.{name}", origin)
+            merge_cad_file(tree, name, cad, folder, origin)
+    tree.pop("cad_files", None)
 
 
 def _overlaid(base: Any, over: Any) -> Any:
@@ -162,7 +184,7 @@ def _table(tree: dict[str, Any], key: str, origin: str) -> dict[str, Any]:
     if not isinstance(entries, dict):
         raise SceneError(f"{origin}: {key}: must be a table of named entries, [{key}.NAME]")
     for name, entry in entries.items():
-        if not isinstance(entry, dict):
+        if not isinstance(entry, dict | Body):
             raise SceneError(f"{origin}: {key}.{name}: must be a table, [{key}.{name}]")
         if not name or any(letter in name for letter in "*?\\\"'()"):
             raise SceneError(

@@ -77,24 +77,11 @@ class MeshShelf:
 
     def place(self, name: str, body: MeshBody, first_face: int) -> TriangleMesh:
         """Add a body; its mesh in the scene's frame."""
-        from tracer.geometry.mesh_files import load_mesh
         from tracer.geometry.mesh_scene import Placement
 
-        key = (
-            body.file, body.scale, body.name_by, body.angle_deg, body.smooth_deg, body.flip,
-            body.medium is None,
-        )  # fmt: skip
+        key = body.reading_key()
         if key not in self._read:
-            self._read[key] = load_mesh(
-                self.folder / body.file,
-                name=name,
-                scale=body.scale,
-                faces=body.name_by,
-                angle_deg=body.angle_deg,
-                smooth_deg=body.smooth_deg,
-                solid=body.medium is not None,
-                flip=body.flip,
-            )
+            self._read[key] = body.read(self.folder, name)
         origin, frame = body.frame()
         transform = np.column_stack([frame, origin])
         self.placements.append(Placement(mesh=self._read[key], transform=transform))

@@ -192,8 +192,8 @@ def examine(scene: Scene) -> dict[str, Any]:
         "scene": scene.origin,
         "title": scene.title,
         "sources": [
-            f"{name} ({'on' if model.on else 'off'}, {model.flux:g} {scene.flux_unit})"
-            for name, model in scene.sources.items()
+            f"{entry.name} ({'on' if model.on else 'off'}, {entry.flux:g} {scene.flux_unit})"
+            for entry, model in zip(directory.sources, scene.sources.values(), strict=True)
         ],
         "bodies": {
             item.name: f"{item.kind}, faces {', '.join(face.name for face in item.faces)}"

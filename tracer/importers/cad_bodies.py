@@ -1,0 +1,231 @@
+"""CAD solids as bodies of a scene: ``[cad_files.NAME]``."""
+
+from __future__ import annotations
+
+import difflib
+import fnmatch
+import hashlib
+from collections.abc import Iterable
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from raymap.errors import SceneError
+from tracer.geometry.bodies import Body, FacePlan, MeshBody
+from tracer.importers.step_read import CadSolid, clean_name, read_step
+from tracer.importers.step_shapes import Placement, shapes_of_face
+from tracer.scene.fields import Node, Placed, Positive
+
+if TYPE_CHECKING:
+    from tracer.geometry.mesh import TriangleMesh
+
+__all__ = ["CadBody", "CadFileModel", "CadMeshBody", "merge_cad_file"]
+
+_PER_MM = {"mm": 1.0, "cm": 0.1, "m": 1e-3, "um": 1e3, "in": 1.0 / 25.4}
+"""Scene units in a millimetre."""
+
+
+class CadPart(Node):
+    """What is said of single bodies of a CAD file, by name pattern."""
+
+    medium: str | None = None
+    surface: str | None = None
+    priority: int | None = None
+    faces: dict[str, str] = {}
+
+
+class CadFileModel(Placed):
+    """``[cad_files.NAME]``: the solids of a STEP file, under names that start with ``NAME.``.
+
+    ``use`` and ``leave_out`` choose solids by name; ``medium``, ``surface``, ``priority`` and
+    ``faces`` hold for all of them, ``bodies`` for some. Curved faces that the tracer has no closed
+    form for become triangles within ``chord`` of them [scene units] (a thousandth of the solid by
+    default) that turn by ``angle_deg`` at most.
+    """
+
+    file: str
+    use: tuple[str, ...] = ("*",)
+    leave_out: tuple[str, ...] = ()
+    medium: str | None = None
+    surface: str | None = None
+    priority: int = 0
+    faces: dict[str, str] = {}
+    bodies: dict[str, CadPart] = {}
+    chord: Positive | None = None
+    angle_deg: Annotated[float, Field(gt=0, le=90)] = 15.0
+    triangles: bool = False
+
+
+class _FromCad(Node):
+    """Where a body comes from; ``digest`` stands for the content of the file."""
+
+    part: str
+    digest: str
+    color: str = ""
+    face_colors: dict[str, str] = {}
+    path: str = Field(exclude=True)
+    mm: float = Field(exclude=True)
+
+
+class CadBody(_FromCad, Body):
+    """A solid all of whose faces are planes, cylinders, cones and spheres: traced exactly."""
+
+    kind: Literal["cad"] = "cad"
+    file: str
+
+    def plan(self) -> list[FacePlan]:
+        origin, frame = self.frame()
+        return _plans(_solid(self.path, self.part), Placement(origin, frame, self.mm)) or []
+
+
+class CadMeshBody(_FromCad, MeshBody):
+    """A solid with other faces: triangles with the normals of the exact surfaces."""
+
+    kind: Literal["cad"] = "cad"  # type: ignore[assignment]
+    chord_mm: float
+
+    def reading_key(self) -> tuple[object, ...]:
+        return (self.path, self.part, self.chord_mm, self.angle_deg, self.mm, self.medium is None)
+
+    def read(self, folder: Path, name: str) -> TriangleMesh:
+        from tracer.importers.step_mesh import mesh_of_solid
+
+        return mesh_of_solid(
+            _solid(self.path, self.part),
+            chord_mm=self.chord_mm,
+            angle_deg=self.angle_deg,
+            scale=self.mm,
+            closed=self.medium is not None,
+        )
+
+
+def _solid(path: str, part: str) -> CadSolid:
+    for solid in read_step(path):
+        if solid.name == part:
+            return solid
+    raise SceneError(f"{Path(path).name}: no longer holds {part!r}; it was changed while in use")
+
+
+def _plans(solid: CadSolid, placed: Placement) -> list[FacePlan] | None:
+    """The faces in closed form; None where one of them has none."""
+    plans = []
+    for face in solid.faces:
+        shapes = shapes_of_face(face, placed)
+        if shapes is None:
+            return None
+        plans.append(FacePlan(name=face.name, shapes=shapes))
+    return plans
+
+
+def merge_cad_file(
+    tree: dict[str, Any], name: str, model: CadFileModel, folder: Path, origin: str
+) -> None:
+    """Add the solids of a CAD file to the bodies of a scene.
+
+    Raises
+    ------
+    SceneError
+        where the file cannot be taken, a pattern matches no solid, or a name stands twice
+    """
+    path = folder / model.file
+    place = f"{origin}: cad_files.{name}"
+    solids = read_step(path)
+    names = [solid.name for solid in solids]
+    chosen = _matching(model.use, names, f"{place}.use")
+    chosen -= _matching(model.leave_out, names, f"{place}.leave_out")
+    for pattern, part in model.bodies.items():
+        matched = _matching([pattern], names, f"{place}.bodies")
+        _check_faces(part.faces, [s for s in solids if s.name in matched], f"{place}.bodies")
+    _check_faces(model.faces, [s for s in solids if s.name in chosen], place)
+    digest = _digest(str(path), path.stat().st_mtime_ns)
+    present = tree.setdefault("bodies", {})
+    for solid in solids:
+        full = f"{clean_name(name)}.{solid.name}"
+        if solid.name not in chosen:
+            continue
+        if full in present:
+            raise SceneError(f"{place}: there is a body {full!r} in the scene already; rename it")
+        unit = _PER_MM[tree.get("length_unit", "mm")]
+        present[full] = _body(solid, model, str(path.resolve()), digest, unit)
+
+
+def _body(
+    solid: CadSolid, model: CadFileModel, path: str, digest: str, per_mm: float
+) -> CadBody | CadMeshBody:
+    """The body of a solid, in closed form where that is possible."""
+    settings: dict[str, Any] = {
+        key: getattr(model, key)
+        for key in ("medium", "surface", "priority")
+        if key in model.model_fields_set
+    }
+    known = {face.name for face in solid.faces}
+    faces = _spread(model.faces, known)
+    for pattern, part in model.bodies.items():
+        if fnmatch.fnmatchcase(solid.name, pattern):
+            given = part.model_dump(exclude_unset=True, exclude={"faces"})
+            settings |= {key: value for key, value in given.items() if value is not None}
+            faces |= _spread(part.faces, known)
+    colors = {face.name: face.color for face in solid.faces if face.color}
+    common: dict[str, Any] = {
+        **{key: value for key, value in settings.items() if value is not None},
+        **{
+            key: getattr(model, key)
+            for key in ("position", "axis", "rotation")
+            if key in model.model_fields_set
+        },
+        **({"faces": faces} if faces else {}),
+        **({"color": solid.color} if solid.color else {}),
+        **({"face_colors": colors} if colors else {}),
+        "file": model.file,
+        "part": solid.name,
+        "digest": digest,
+        "path": path,
+        "mm": per_mm,
+    }
+    if not model.triangles and _plans(solid, Placement(np.zeros(3), np.eye(3), per_mm)):
+        return CadBody(**common)
+    chord = model.chord / per_mm if model.chord else 1e-3 * solid.size
+    return CadMeshBody(**common, scale=1.0, chord_mm=chord, angle_deg=model.angle_deg)
+
+
+def _spread(faces: dict[str, str], known: set[str]) -> dict[str, str]:
+    """Surfaces of faces by pattern as surfaces of faces by name."""
+    return {
+        face: surface
+        for pattern, surface in faces.items()
+        for face in sorted(known)
+        if fnmatch.fnmatchcase(face, pattern)
+    }
+
+
+def _matching(patterns: Iterable[str], names: list[str], place: str) -> set[str]:
+    found: set[str] = set()
+    for pattern in patterns:
+        matched = {name for name in names if fnmatch.fnmatchcase(name, pattern)}
+        if not matched:
+            near = difflib.get_close_matches(pattern, names, n=3, cutoff=0.4) or names[:8]
+            raise SceneError(
+                f"{place}: the file has no solid {pattern!r}; it has {', '.join(near)} (raymap "
+                "faces lists all)"
+            )
+        found |= matched
+    return found
+
+
+def _check_faces(faces: dict[str, str], solids: list[CadSolid], place: str) -> None:
+    known = [face.name for solid in solids for face in solid.faces]
+    for pattern in faces:
+        if not any(fnmatch.fnmatchcase(name, pattern) for name in known):
+            near = difflib.get_close_matches(pattern, known, n=3, cutoff=0.4) or known[:8]
+            raise SceneError(
+                f"{place}.faces.{pattern}: no solid has such a face; there are {', '.join(near)} "
+                "(raymap faces lists all)"
+            )
+
+
+@lru_cache(maxsize=32)
+def _digest(path: str, modified: int) -> str:
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()[:32]
