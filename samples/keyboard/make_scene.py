@@ -1,7 +1,7 @@
-"""Write the scene and the printed dots of the keyboard backlight: python samples/keyboard/make_scene.py
+"""Write the scene of the keyboard backlight: python samples/keyboard/make_scene.py
 
-The dots are one mesh of small white squares in the light guide, just above its lower face. They grow
-with the distance from the LEDs, so that the last keys are as bright as the first ones.
+The printed dots are one mesh of small white squares in the light guide, just above its lower face.
+They grow with the distance from the LEDs, so that the last keys are as bright as the first ones.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ ROWS, COLUMNS = 3, 5
 KEY = (17.0, 17.0)
 SPACING = 19.0
 
-HEAD = f"""# A keyboard lit from one edge: three LEDs shine into a light guide of acrylic; white dots
-# printed on its lower face send the light up to the key caps. Lengths in mm; z points up.
+HEAD = f"""# A keyboard lit from one edge: three LEDs shine into a light guide of acrylic; white
+# dots printed on its lower face send the light up to the key caps. Lengths in mm; z points up.
 # Written by make_scene.py, together with dots.obj.
 
 title = "Keyboard backlight"
@@ -102,9 +102,7 @@ def scene() -> str:
             "axis = [1, 0, 0]\n"
             "flux = 20\n"
         )
-    parts.append(
-        "# ---- keys: a cap each, and a detector on top of it ---------------------------\n"
-    )
+    parts.append("# ---- keys: a cap each, and a detector on top of it -----------------------\n")
     for row in range(ROWS):
         for column in range(COLUMNS):
             name = f"key_{'ABC'[row]}{column + 1}"
