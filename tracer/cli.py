@@ -30,6 +30,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.
 
 def register(app: typer.Typer) -> None:
     """Hang the commands of this package on the application."""
+    from tracer.importers import cli as importers_cli
     from tracer.scattering import cli as scattering_cli
     from tracer.studies import cli_polarization, crystal_cli
 
@@ -38,6 +39,7 @@ def register(app: typer.Typer) -> None:
     cli_polarization.register(app)
     crystal_cli.register(app)
     scattering_cli.register(app)
+    importers_cli.register(app)
 
 
 def record(

@@ -1,0 +1,67 @@
+"""The command of this package: faces."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+__all__ = ["register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Hang the command on the application."""
+    app.command("faces")(faces)
+
+
+def faces(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            help="STEP, STL, OBJ, PLY, glTF, .zmx, .seq or a scene (TOML).", show_default=False
+        ),
+    ],
+    json: Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")] = False,
+) -> None:
+    """List the bodies and faces of a file, with kind and area, so that they can be named."""
+    import warnings
+
+    from raymap.cli import emit_json
+    from tracer.importers.face_list import list_faces
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        listed = list_faces(file)
+    for text in dict.fromkeys(str(item.message) for item in caught):
+        typer.echo(f"warning: {text}", err=True)
+    if json:
+        emit_json(listed)
+    else:
+        _print(listed)
+
+
+def _print(listed: dict[str, Any]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    unit = f"{listed['length_unit']}²" if listed["length_unit"] else "file unit²"
+    table = Table("body", "face", "kind", f"area [{unit}]", "notes")
+    for body in listed["bodies"]:
+        for face in body["faces"]:
+            notes = [face.get("color") or body.get("color") or ""]
+            if face.get("triangles"):
+                notes.append(f"{face['triangles']:,} triangles")
+            if face.get("same_as"):
+                notes.append(f"same as {face['same_as']}")
+            table.add_row(
+                body["name"],
+                face["name"],
+                face["kind"],
+                f"{face['area']:.6g}",
+                ", ".join(note for note in notes if note),
+            )
+    console = Console(soft_wrap=True, highlight=False)
+    console.print(table)
+    count = sum(len(body["faces"]) for body in listed["bodies"])
+    console.print(f"{len(listed['bodies'])} bodies, {count} faces")
