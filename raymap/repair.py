@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.cells import is_pinhole
 from raymap.encoder import EncodedPortion
 from raymap.errors import FormatError, MapExists
 from raymap.kernels import kernel
@@ -61,10 +62,23 @@ def repair(ray_map: RayMap, path: str | os.PathLike[str], *, force: bool = False
             written += 1
             _count_meetings(portion, results)
         _copy_unknown(ray_map, writer)
+        _keep_pictures(ray_map, results)
         for (detector, index), (sums, sums2) in results.items():
             writer.add_detector_result(detector, sums, sums2, channel_set=index)
         writer.finish()
     return written
+
+
+def _keep_pictures(ray_map: RayMap, results: dict[tuple[int, int], tuple[Sums, Sums]]) -> None:
+    """Carry pictures along that no ray made, unless some of what they were summed over is lost."""
+    for number, detector in enumerate(ray_map.directory.detectors):
+        if not is_pinhole(detector):
+            continue
+        for index in range(len(ray_map.channel_sets)):
+            results.pop((number, index), None)
+            found = None if ray_map.damage else ray_map.detector_result(detector.name, index)
+            if found is not None:
+                results[number, index] = found
 
 
 def _copy_unknown(ray_map: RayMap, writer: RayMapWriter) -> None:

@@ -25,6 +25,7 @@ from tracer.engine.wavefront import Wavefront
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.load import load_scene
 from tracer.scene.model import Scene
+from tracer.scene.source_check import check_sources
 from tracer.tally import Tally
 
 if TYPE_CHECKING:
@@ -143,6 +144,7 @@ def record(
             compilation, path, executor, rays=rays, seconds=seconds, seed=seed, append=append,
             force=force, raw=raw, portion_rays=portion_rays, progress=progress, cancel=cancel,
         )  # fmt: skip
+    check_sources(compilation)
     count = threads or os.cpu_count() or 1
     if path is None:
         run = _Run(compilation, None, rays, seconds, seed, count, portion_rays, progress)

@@ -21,6 +21,7 @@ from query.ray_report import report
 from query.scan import default_threads
 from query.selector import bind_all
 from query.tables import path_table as query_table
+from raymap.cells import is_pinhole
 from raymap.errors import DamagedPortion, RayMapError
 from viewer.gather import read_rays, thin
 from viewer.itinerary import headline
@@ -249,10 +250,13 @@ def ray_report(ray_map: RayMap, ray_id: int) -> dict[str, Any]:
 def detector_image(
     ray_map: RayMap, name: str, text: str, *, cancel: Cancel | None = None
 ) -> NDArray[np.float64]:
-    """(cells_v, cells_u) flux that the rays of a selection brought to a detector."""
-    if ray_map.rays == 0:
-        names = [entry.name for entry in ray_map.directory.detectors]
-        return np.zeros(ray_map.directory.detectors[names.index(name)].cells[::-1])
+    """(cells_v, cells_u) flux that the rays of a selection brought to a detector.
+
+    A pinhole's picture is there as a whole only: no ray meets it, so selections leave it dark.
+    """
+    entry = next(entry for entry in ray_map.directory.detectors if entry.name == name)
+    if ray_map.rays == 0 or (is_pinhole(entry) and text.strip()):
+        return np.zeros(entry.cells[::-1])
     if not text.strip():
         known = _recorded_image(ray_map, name)
         if known is not None:

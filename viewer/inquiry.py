@@ -238,9 +238,10 @@ class Inquiry:
         note = "" if selected.max() > 0 else "No ray of the selection reaches this detector."
         if whole.max() <= 0:
             note = "No ray of the map reaches this detector."
+        size_unit = detector.parameters.get("size_unit", directory.length_unit)
         facts = [
             ["Cells", f"{detector.cells[0]} × {detector.cells[1]}"],
-            ["Size", f"{detector.size[0]:g} × {detector.size[1]:g} {directory.length_unit}"],
+            ["Size", f"{detector.size[0]:g} × {detector.size[1]:g} {size_unit}"],
             [f"Cell {place[0]}, {place[1]}", f"{float(selected[v, u]):.4g} {unit} selected, "
              f"{float(whole[v, u]):.4g} {unit} in all"],
         ]  # fmt: skip

@@ -33,7 +33,7 @@ _GLASS_TINTS = ((150, 196, 232), (140, 214, 214), (168, 180, 236), (160, 214, 18
 
 def material_of(item: SceneObject, directory: Directory) -> str:
     """What an object looks like, from the surfaces of its faces: a key of `MATERIALS`."""
-    detectors = {detector.object for detector in directory.detectors}
+    detectors = {detector.object for detector in directory.detectors if detector.blocking}
     if directory.objects.index(item) in detectors:
         return "screen"
     surfaces = [directory.surfaces[face.surface] for face in item.faces if face.surface >= 0]

@@ -185,8 +185,10 @@ def _image_of_stop(surfaces: list[AxialSurface], world: float, place: float) -> 
 def examine(scene: Scene) -> dict[str, Any]:
     """What `raymap check` reports: bodies, media, overlaps, first-order numbers."""
     from tracer.scene.compile import compile_scene
+    from tracer.scene.source_check import check_sources
 
     compilation = compile_scene(scene)
+    check_sources(compilation)
     directory = compilation.directory
     report: dict[str, Any] = {
         "scene": scene.origin,

@@ -125,7 +125,10 @@ kind = "tabulated"
 theta_i_deg = [0, 90]
 theta_o_deg = [0, 30, 60, 90]
 phi_deg = [0, 90, 180]
-values = [[[0.3, 0.2], [0.2, 0.1], [0.1, 0.1]], [[0.2, 0.1], [0.2, 0.1], [0.2, 0.1]]]
+values = [
+  [[0.3, 0.25, 0.2], [0.2, 0.15, 0.1], [0.1, 0.1, 0.1], [0.1, 0.05, 0.05]],
+  [[0.2, 0.15, 0.1], [0.2, 0.1, 0.1], [0.2, 0.1, 0.1], [0.1, 0.1, 0.1]],
+]
 """,
 }
 
@@ -289,3 +292,36 @@ def test_the_weighted_mode_is_refused(tmp_path: Path) -> None:
     )
     with pytest.raises(SceneError, match=r"detectors\.eye: a pinhole needs the analog mode"):
         record(scene, tmp_path / "a.raymap", rays=100)
+
+
+def test_repair_keeps_a_picture_that_is_whole(tmp_path: Path) -> None:
+    from raymap.repair import repair
+
+    source, mended = tmp_path / "a.raymap", tmp_path / "b.raymap"
+    record(
+        parse_scene(UNITS + ROOM.format(satin=SATIN["lambertian"])),
+        source,
+        rays=2_000,
+        threads=1,
+        portion_rays=500,
+    )
+    with raymap.open(source, on_damage="skip") as ray_map:
+        before = ray_map.detector_result("eye")
+        at = ray_map.portions[1].index
+        repair(ray_map, mended)
+    with raymap.open(mended) as ray_map:
+        after = ray_map.detector_result("eye")
+        assert before is not None
+        assert after is not None
+        assert np.array_equal(before[0], after[0])
+    # A picture that counts rays that are lost is left out
+    data = bytearray(source.read_bytes())
+    data[at.offset + at.size // 2] ^= 0xFF
+    source.write_bytes(data)
+    with raymap.open(source, on_damage="skip") as ray_map:
+        repair(ray_map, mended, force=True)
+    with raymap.open(mended) as ray_map:
+        assert ray_map.detector_result("eye") is None
+        assert ray_map.detector_result("cam") is not None
+        with pytest.raises(RayMapError, match="neither rays nor sums of detector 'eye'"):
+            query.detector_image(ray_map, "eye")
