@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.errors import SceneError
 from tracer.geometry.shapes import (
     Annulus,
     Conic,
@@ -76,8 +77,9 @@ def map_face(shape: Shape, cells: tuple[int, int]) -> FaceMap:
         return _round(shape.vertex, u, v, shape.axis, 0.0, top, shape.radius, area)
     if isinstance(shape, Polygon):
         return _polygon(shape, cells)
-    assert isinstance(shape, Annulus | SphereCap | Conic)
-    return _disc(shape, cells)
+    if isinstance(shape, Annulus | SphereCap | Conic):
+        return _disc(shape, cells)
+    raise SceneError(f"faces of kind {type(shape).__name__} have no map")
 
 
 def _flat(
@@ -141,6 +143,7 @@ def _disc(shape: Annulus | SphereCap | Conic, cells: tuple[int, int]) -> FaceMap
         outer = math.sqrt(max(0.0, shape.sag * (2.0 * shape.radius - shape.sag)))
     else:
         center, axis, outer = shape.vertex, shape.axis, shape.semi_diameter
+        inner = shape.inner
     u, v, _ = frame_of(axis)
 
     def density(x: Array, y: Array) -> Array:
