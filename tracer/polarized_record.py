@@ -60,7 +60,8 @@ class Polarization:
         events): "linear" draws the azimuth of one linear wave for every ray; "natural" carries both
         halves of natural light along, so that a ray has a degree of polarisation of its own and
         fluxes have a smaller error
-    sources : vibration of polarised sources by name; its part across the ray counts
+    sources : vibration of polarised sources by name, in place of ``polarisation`` in the scene; its
+        part across the ray counts
     polarisers : sheet polarisers by the full name of their face: absorption axis and extinction
         (the share of the absorbed vibration that leaks). Light that passes the face is polarised;
         a body of a medium like its surroundings makes a sheet
@@ -115,7 +116,12 @@ class Polarization:
 
         names = [source.name for source in directory.sources]
         vibration = np.zeros((len(names), 3))
-        for name, axis in self.sources.items():
+        own = {
+            name: source.polarisation
+            for name, source in compilation.scene.sources.items()
+            if source.on and source.polarisation is not None
+        }
+        for name, axis in (own | dict(self.sources)).items():
             if name not in names:
                 raise SceneError(
                     f"sources: the scene has no source {name!r}; sources: {', '.join(names)}"

@@ -29,6 +29,7 @@ from tracer.scene.source_check import check_sources
 from tracer.tally import Tally
 
 if TYPE_CHECKING:
+    from tracer.crystals.scene_language import CrystalCompilation, CrystalWavefront
     from tracer.engine.pinhole import Pinholes
 
 __all__ = ["Progress", "RecordResult", "StoppedLight", "record", "run_into", "split_portion"]
@@ -138,13 +139,16 @@ def record(
     if executor is not None and not shares_memory(executor):
         if path is None:
             raise SceneError("detector results only (no_rays) need an executor of this process")
+        if not isinstance(compilation, Compilation):
+            raise SceneError("scenes with crystals are traced in this process: drop the executor")
         from tracer.sharding import record_shards
 
         return record_shards(
             compilation, path, executor, rays=rays, seconds=seconds, seed=seed, append=append,
             force=force, raw=raw, portion_rays=portion_rays, progress=progress, cancel=cancel,
         )  # fmt: skip
-    check_sources(compilation)
+    if isinstance(compilation, Compilation):
+        check_sources(compilation)
     count = threads or os.cpu_count() or 1
     if path is None:
         run = _Run(compilation, None, rays, seconds, seed, count, portion_rays, progress)
@@ -159,7 +163,7 @@ def record(
 
 
 def run_into(
-    compilation: Compilation,
+    compilation: Compilation | CrystalCompilation,
     writer: RayMapWriter,
     *,
     rays: int,
@@ -171,14 +175,37 @@ def run_into(
     return _Run(compilation, writer, rays, seconds, seed, 1, portion_rays, None).go(None)
 
 
-def _compiled(scene: str | Path | Scene | Compilation) -> Compilation:
-    if isinstance(scene, Compilation):
+def _compiled(
+    scene: str | Path | Scene | Compilation | CrystalCompilation,
+) -> Compilation | CrystalCompilation:
+    if isinstance(scene, str | Path):
+        scene = load_scene(scene)
+    if not isinstance(scene, Scene):
         return scene
-    return compile_scene(scene if isinstance(scene, Scene) else load_scene(scene))
+    if scene.has_crystals:
+        from tracer.crystals.scene_language import compile_crystals
+
+        return compile_crystals(scene)
+    return compile_scene(scene)
+
+
+def _engine(
+    compilation: Compilation | CrystalCompilation, seed: int
+) -> Wavefront | CrystalWavefront:
+    """What traces portions of the scene."""
+    if isinstance(compilation, Compilation):
+        return Wavefront(compilation.arrays, seed, meshes=compilation.solids, weighted=True)
+    return compilation.wavefront(seed)
 
 
 def _writer(
-    path: Path, compilation: Compilation, *, append: bool, force: bool, raw: bool, compact: bool
+    path: Path,
+    compilation: Compilation | CrystalCompilation,
+    *,
+    append: bool,
+    force: bool,
+    raw: bool,
+    compact: bool,
 ) -> RayMapWriter:
     if append and path.exists():
         return RayMapWriter.append_to(
@@ -207,7 +234,7 @@ class _Run:
 
     def __init__(
         self,
-        compilation: Compilation,
+        compilation: Compilation | CrystalCompilation,
         writer: RayMapWriter | None,
         rays: int | None,
         seconds: float | None,
@@ -222,9 +249,7 @@ class _Run:
         self.threads = threads
         self.progress = progress
         self.seed = self._seed(seed)
-        self.engine = Wavefront(
-            compilation.arrays, self.seed, meshes=compilation.solids, weighted=True
-        )
+        self.engine = _engine(compilation, self.seed)
         self.tally = Tally(compilation.directory, compilation.channel_set)
         self.pinholes = _pinholes(compilation)
         self.implied_normals = all(
@@ -420,10 +445,10 @@ class _Run:
         return notes
 
 
-def _pinholes(compilation: Compilation) -> Pinholes | None:
+def _pinholes(compilation: Compilation | CrystalCompilation) -> Pinholes | None:
     """What sums up the pictures of pinholes; None where there are none."""
     names = [item.name for item in compilation.directory.detectors if is_pinhole(item)]
-    if not names:
+    if not names or not isinstance(compilation, Compilation):
         return None
     if compilation.arrays.rare is not None:
         raise SceneError(

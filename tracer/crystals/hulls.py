@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from raymap.directory import DisplayMesh
 from tracer.crystals.bodies import CrystalBody
 
-__all__ = ["face_names", "hull_mesh"]
+__all__ = ["face_names", "face_rings", "hull_mesh"]
 
 _ALONG = {
     (0, 1): "right",
@@ -41,14 +41,8 @@ def hull_mesh(body: CrystalBody) -> DisplayMesh:
         )
     triangles: list[tuple[int, int, int]] = []
     faces: list[int] = []
-    scale = float(np.ptp(body.vertices, axis=0).max())
-    for number, plane in enumerate(body.planes):
-        # Sort the corners of the face around its middle and fan them out
-        corners = np.flatnonzero(np.abs(body.vertices @ plane[:3] - plane[3]) < 1e-6 * scale)
-        points = body.vertices[corners] - body.vertices[corners].mean(axis=0)
-        u = points[0] / np.linalg.norm(points[0])
-        angle: NDArray[np.float64] = np.arctan2(points @ np.cross(plane[:3], u), points @ u)
-        ring = corners[np.argsort(angle)]
+    for number, ring in enumerate(face_rings(body)):
+        # Fan the corners out
         for k in range(1, len(ring) - 1):
             triangles.append((int(ring[0]), int(ring[k]), int(ring[k + 1])))
             faces.append(number)
@@ -57,3 +51,16 @@ def hull_mesh(body: CrystalBody) -> DisplayMesh:
         triangles=np.array(triangles, np.int32),
         face=np.array(faces, np.int32),
     )
+
+
+def face_rings(body: CrystalBody) -> list[NDArray[np.int64]]:
+    """Corners of each face of a convex body, in order around its outward normal."""
+    scale = float(np.ptp(body.vertices, axis=0).max())
+    rings = []
+    for plane in body.planes:
+        corners = np.flatnonzero(np.abs(body.vertices @ plane[:3] - plane[3]) < 1e-6 * scale)
+        points = body.vertices[corners] - body.vertices[corners].mean(axis=0)
+        u = points[0] / np.linalg.norm(points[0])
+        angle: NDArray[np.float64] = np.arctan2(points @ np.cross(plane[:3], u), points @ u)
+        rings.append(corners[np.argsort(angle)])
+    return rings

@@ -26,6 +26,7 @@ __all__ = [
     "Sellmeier",
     "Vector",
     "bodies_of",
+    "medium_of",
     "parse_toml",
     "read_text",
 ]
@@ -81,7 +82,8 @@ class BodyModel(Model):
     scale: Number = 1.0
 
 
-def _medium(name: str, model: MediumModel, axis: NDArray[np.float64] | None) -> Crystal:
+def medium_of(name: str, model: MediumModel, axis: NDArray[np.float64] | None) -> Crystal:
+    """The crystal that a table describes; ``axis`` counts where the table gives no optic axis."""
     where = f"media.{name}"
     if (model.material is None) == (model.indices is None):
         raise SceneError(f"{where}: give either material or indices")
@@ -136,12 +138,12 @@ def _body(body: BodyModel, media: dict[str, MediumModel], folder: Path) -> Cryst
     if body.shape == "rhomb":
         return calcite_rhomb(
             body.name,
-            lambda axis: _medium(body.medium, model, axis),
+            lambda axis: medium_of(body.medium, model, axis),
             body.edge,
             body.base,
             turn_deg=body.turn,
         )
-    medium = _medium(body.medium, model, None)
+    medium = medium_of(body.medium, model, None)
     if body.shape == "box":
         return box(body.name, medium, body.centre, body.size)
     if body.shape == "planes":

@@ -4,18 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import math
-import os
-import time
-from collections.abc import Callable
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-import raymap
 from raymap.colorimetry import channel_display_rgb, luminous_efficacy
 from raymap.directory import (
     BoundingSphere,
@@ -30,14 +23,20 @@ from raymap.directory import (
     Surface,
 )
 from raymap.errors import SceneError
-from raymap.events import Event
 from raymap.portion import Descriptors, Portion
 from tracer.crystals.bodies import CrystalBody, compile_bodies
 from tracer.crystals.hulls import face_names, hull_mesh
 from tracer.crystals.media import Crystal, isotropic
 from tracer.crystals.rows import ISOTROPIC, KIND
 
-__all__ = ["CrystalScene", "PlaneDetector", "Pencil", "RecordSummary", "record_crystals"]
+__all__ = [
+    "CrystalScene",
+    "CrystalTracer",
+    "Pencil",
+    "PlaneDetector",
+    "channels_of",
+    "hashed_directory",
+]
 
 Real = NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -161,7 +160,8 @@ class CrystalScene:
 
     def directory(self) -> tuple[Directory, dict[int, DisplayMesh]]:
         """Names and shapes for the map, and meshes to draw."""
-        media = ["world", *sorted({body.medium.name for body in self.bodies})]
+        solids = {body.medium.name for body in self.bodies} - {self.world.name}
+        media = [self.world.name, *sorted(solids)]
         objects, meshes = [], {}
         for number, body in enumerate(self.bodies):
             names = face_names(body)
@@ -222,19 +222,7 @@ def _rectangle(detector: PlaneDetector) -> DisplayMesh:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class RecordSummary:
-    """What a recording did; ``audit`` counts rays of each source by how they ended."""
-
-    rays: int
-    records: int
-    seconds: float
-    bytes: int
-    seed: int
-    audit: dict[str, dict[str, int]]
-
-
-class _Tracer:
+class CrystalTracer:
     """Compiled tables of a scene; `portion` may run on many threads."""
 
     def __init__(self, scene: CrystalScene, directory: Directory, seed: int) -> None:
@@ -305,9 +293,11 @@ class _Tracer:
         )
 
 
-def _channels(scene: CrystalScene, directory: Directory) -> ChannelSet:
+def channels_of(scene: CrystalScene, directory: Directory) -> ChannelSet:
     wavelengths = scene.wavelengths_nm
-    by_name = {body.medium.name: body.medium for body in scene.bodies} | {"world": scene.world}
+    by_name = {body.medium.name: body.medium for body in scene.bodies} | {
+        scene.world.name: scene.world
+    }
     indices = [
         tuple(float(np.mean(by_name[m.name].principal_indices(w))) for w in wavelengths)
         for m in directory.media
@@ -326,118 +316,15 @@ def _channels(scene: CrystalScene, directory: Directory) -> ChannelSet:
     )
 
 
-_ENDS = {
-    "absorbed": Event.VOLUME_ABSORPTION,
-    "detected": Event.SURFACE_ABSORPTION,
-    "left": Event.LEFT_SCENE,
-    "stopped": Event.DEPTH_LIMIT,
-    "errors": Event.GEOMETRY_ERROR,
-}
-
-
-def record_crystals(
-    scene: CrystalScene,
-    path: str | Path,
-    *,
-    rays: int,
-    seed: int = 0,
-    threads: int | None = None,
-    executor: Executor | None = None,
-    append: bool = False,
-    force: bool = False,
-    portion_rays: int = 16384,
-    progress: Callable[[int, int], Any] | None = None,
-) -> RecordSummary:
-    """Trace ``rays`` rays and record every path.
-
-    Parameters
-    ----------
-    append : continue a map of the same scene
-    force : replace an existing map
-    progress : called with rays recorded and rays in all
-    """
-    if rays < 1:
-        raise SceneError("rays must be at least 1")
+def hashed_directory(
+    scene: CrystalScene, *, flux_unit: str = "W"
+) -> tuple[Directory, dict[int, DisplayMesh]]:
+    """Directory with the fingerprint of the scene, and meshes to draw."""
     directory, meshes = scene.directory()
-    if not directory.scene_hash:
-        digest = hashlib.sha256(directory.model_dump_json(exclude={"scene_text"}).encode())
-        for body in scene.bodies:
-            digest.update(body.planes.tobytes() + body.vertices.tobytes())
-            digest.update(body.medium.row(589.3).tobytes())
-        digest.update(repr(scene.sources).encode())
-        directory = directory.model_copy(update={"scene_hash": digest.hexdigest()[:32]})
-    started = time.perf_counter()
-    writer = (
-        raymap.RayMapWriter.append_to(path, directory)
-        if append
-        else raymap.RayMapWriter.create(path, directory, meshes=meshes, force=force)
-    )
-    tracer = _Tracer(scene, directory, seed)
-    audit = {source.name: dict.fromkeys(("emitted", *_ENDS), 0) for source in scene.sources}
-    records = 0
-    pool = executor or ThreadPoolExecutor(threads or os.cpu_count() or 1)
-    try:
-        with writer:
-            channel_set = writer.add_channel_set(_channels(scene, directory))
-            writer.start_run(seed=seed, parameters={"depth": scene.depth, "engine": "crystals"})
-            sums = [
-                np.zeros((d.cells[1], d.cells[0], len(scene.wavelengths_nm)))
-                for d in scene.detectors
-            ]
-            begin, number = writer.next_ray, writer.next_portion
-
-            def work(k: int) -> tuple[Any, Portion]:
-                first = begin + k * portion_rays
-                n = min(portion_rays, begin + rays - first)
-                portion = tracer.portion(first, n)
-                return writer.encode(portion, number + k), portion
-
-            count = -(-rays // portion_rays)
-            pending: set[Future[tuple[Any, Portion]]] = set()
-            next_k = done = 0
-            while next_k < count or pending:
-                while next_k < count and len(pending) < 8:
-                    pending.add(pool.submit(work, next_k))
-                    next_k += 1
-                finished, pending = wait(pending, return_when=FIRST_COMPLETED)
-                for future in finished:
-                    encoded, portion = future.result()
-                    writer.commit(encoded)
-                    records += portion.n_records
-                    done += portion.n_rays
-                    _tally(portion, scene, audit, sums)
-                if progress is not None:
-                    progress(done, rays)
-            for k, total in enumerate(sums):
-                writer.add_detector_result(k, total, total, channel_set=channel_set)
-            size = writer.bytes_written
-    finally:
-        if executor is None:
-            pool.shutdown(wait=True, cancel_futures=True)
-    return RecordSummary(
-        rays=rays,
-        records=records,
-        seconds=time.perf_counter() - started,
-        bytes=size,
-        seed=seed,
-        audit=audit,
-    )
-
-
-def _tally(
-    portion: Portion, scene: CrystalScene, audit: dict[str, dict[str, int]], sums: list[Real]
-) -> None:
-    """Count how rays ended, and what detectors registered."""
-    ends = np.cumsum(portion.records_per_ray) - 1
-    events = portion.event[ends]
-    for number, source in enumerate(scene.sources):
-        own = events[portion.source == number]
-        audit[source.name]["emitted"] += len(own)
-        for name, event in _ENDS.items():
-            audit[source.name][name] += int(np.count_nonzero(own & int(event)))
-    seen = portion.descriptors
-    record = np.repeat(np.arange(portion.n_records), portion.descriptor_count)
-    channel = portion.color_code[record]
-    for k, total in enumerate(sums):
-        mine = (seen.detector == k) & seen.registered
-        np.add.at(total, (seen.cell[mine, 1], seen.cell[mine, 0], channel[mine]), 1.0)
+    digest = hashlib.sha256(directory.model_dump_json(exclude={"scene_text"}).encode())
+    for body in scene.bodies:
+        digest.update(body.planes.tobytes() + body.vertices.tobytes())
+        digest.update(body.medium.row(589.3).tobytes())
+    digest.update(repr(scene.sources).encode())
+    update = {"scene_hash": digest.hexdigest()[:32], "flux_unit": flux_unit}
+    return directory.model_copy(update=update), meshes

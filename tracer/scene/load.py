@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from raymap.errors import SceneError
+from tracer.crystals.rhomb_body import RhombBody
 from tracer.geometry.bodies import BODIES, Body
 from tracer.scene.model import (
     DetectorModel,
@@ -32,6 +33,8 @@ OTHER_FILES = {
 """Files of bodies alone, and how a scene takes them."""
 
 Model = TypeVar("Model", bound=BaseModel)
+
+_KINDS: dict[str, type[Body]] = BODIES | {"rhomb": RhombBody}
 
 _NAMED: dict[str, type[BaseModel]] = {
     "media": MediumModel,
@@ -197,12 +200,12 @@ def _table(tree: dict[str, Any], key: str, origin: str) -> dict[str, Any]:
 def _body(entry: dict[str, Any], name: str, origin: str) -> Body:
     kind = entry.get("kind")
     if kind is None:
-        raise SceneError(f"{origin}: bodies.{name}: kind is missing; one of {', '.join(BODIES)}")
-    if kind not in BODIES:
+        raise SceneError(f"{origin}: bodies.{name}: kind is missing; one of {', '.join(_KINDS)}")
+    if kind not in _KINDS:
         raise SceneError(
-            f"{origin}: bodies.{name}.kind: there is no body {kind!r}{_nearest(str(kind), BODIES)}"
+            f"{origin}: bodies.{name}.kind: there is no body {kind!r}{_nearest(str(kind), _KINDS)}"
         )
-    return _validated(BODIES[kind], entry, f"bodies.{name}", origin)
+    return _validated(_KINDS[kind], entry, f"bodies.{name}", origin)
 
 
 def _validated(model: type[Model], entry: Any, place: str, origin: str) -> Model:

@@ -119,6 +119,8 @@ def _kind(model: MediumModel) -> str:
 
 def refractive_index(model: MediumModel, wavelengths_nm: Array, place: str) -> Array:
     """Index of a medium at wavelengths [nm]."""
+    if model.crystal is not None:
+        raise SceneError(f"{place}: a crystal has no single index; raymap record traces crystals")
     if model.sellmeier is not None:
         law = dispersion.sellmeier(model.sellmeier.b, model.sellmeier.c, name=place)
         values = law.index(wavelengths_nm)

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, SerializeAsAny
+from pydantic import Field, SerializeAsAny, SerializerFunctionWrapHandler, model_serializer
 
 from tracer.geometry.bodies import Body
 from tracer.scene.detector_model import DetectorModel
@@ -95,7 +95,7 @@ class Scattering(Node):
 
 
 class MediumModel(Node):
-    """A medium: one way to give its index; absorption and scattering where it has them.
+    """A medium: one way to give its index, or a crystal; absorption and scattering if it has them.
 
     With ``albedo`` the free path of ``scattering`` counts scattering and absorption together.
     """
@@ -104,13 +104,24 @@ class MediumModel(Node):
     sellmeier: Sellmeier | None = None
     cauchy: tuple[float, ...] | None = None
     glass: str | None = None
+    crystal: dict[str, Any] | None = None
     absorption: Spectral | None = None
     scattering: Scattering | None = None
 
     def model_post_init(self, context: Any) -> None:
-        given = [self.index, self.sellmeier, self.cauchy, self.glass]
+        given = [self.index, self.sellmeier, self.cauchy, self.glass, self.crystal]
         if sum(item is not None for item in given) != 1:
-            raise ValueError("give exactly one of index, sellmeier, cauchy or glass")
+            raise ValueError("give exactly one of index, sellmeier, cauchy, glass or crystal")
+        if self.crystal is not None and (self.absorption or self.scattering):
+            raise ValueError("absorption of a crystal stands in its table: crystal.absorption")
+
+    @model_serializer(mode="wrap")
+    def _without_crystal(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Scenes without crystals keep the fingerprint that they had before there were any."""
+        given: dict[str, Any] = handler(self)
+        if given.get("crystal", 0) is None:
+            del given["crystal"]
+        return given
 
 
 class Metal(Node):
@@ -260,7 +271,10 @@ class World(Node):
 
 
 class Scene(Node):
-    """A whole scene, as validated; `tracer.compile_scene` turns it into arrays."""
+    """A whole scene, as validated; `tracer.compile_scene` turns it into arrays.
+
+    ``contacts`` : pairs of crystals that touch along a common face
+    """
 
     title: str = ""
     length_unit: Literal["mm", "cm", "m", "um", "in"]
@@ -274,7 +288,16 @@ class Scene(Node):
     bodies: dict[str, SerializeAsAny[Body]] = {}
     sources: dict[str, SourceModel] = {}
     detectors: dict[str, DetectorModel] = {}
+    contacts: tuple[tuple[str, str], ...] = ()
     selecting: Selecting = Selecting()
     text: str = ""
     origin: str = "scene"
     folder: str = "."
+
+    @property
+    def has_crystals(self) -> bool:
+        """Whether some body or the world is a crystal."""
+        used = {self.world.medium, *(body.medium for body in self.bodies.values())}
+        return any(
+            name in used and medium.crystal is not None for name, medium in self.media.items()
+        )

@@ -12,8 +12,10 @@ from pydantic import (
     ConfigDict,
     Discriminator,
     Field,
+    SerializerFunctionWrapHandler,
     Tag,
     field_serializer,
+    model_serializer,
     model_validator,
 )
 
@@ -116,7 +118,7 @@ _KEYS: dict[str, tuple[str, ...]] = {
 }
 _COMMON = {
     "kind", "on", "flux", "flux_unit", "share", "spectrum", "inside", "position", "axis",
-    "rotation", "direction", "aim", "distance",
+    "rotation", "direction", "aim", "distance", "polarisation",
 }  # fmt: skip
 
 
@@ -134,6 +136,9 @@ class SourceModel(Placed):
     intensity : a table of intensities (``intensity``, ``file`` or ``light``), from a point, or
         evenly from a disc or rectangle
     rays : a list of rays (``file`` or ``light``), drawn by their flux or emitted ``in_order``
+
+    ``polarisation`` is the direction in which light vibrates as far as it lies across the ray; the
+    polarised tracer and crystals heed it, the tracer of natural light does not.
 
     ``flux`` is that of the file or table where it has one, else 1, unless given; ``flux_unit`` that
     of the map unless given.
@@ -161,6 +166,15 @@ class SourceModel(Placed):
     light: IntensityGrid | RayList | None = None
     draw: Literal["flux", "in_order"] = "flux"
     scale: Positive | None = None
+    polarisation: Vector | None = None
+
+    @model_serializer(mode="wrap")
+    def _without_polarisation(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Natural light leaves no trace in the fingerprint of a scene."""
+        given: dict[str, Any] = handler(self)
+        if given.get("polarisation", 0) is None:
+            del given["polarisation"]
+        return given
 
     @field_serializer("light")
     def _fingerprint(self, light: IntensityGrid | RayList | None) -> dict[str, str] | None:

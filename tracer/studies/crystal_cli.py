@@ -1,4 +1,4 @@
-"""Commands for crystals: ``verify-crystals``, ``render`` and ``record-crystals``."""
+"""Commands for crystals: ``verify-crystals`` and ``render``."""
 
 from __future__ import annotations
 
@@ -22,7 +22,6 @@ def register(app: typer.Typer) -> None:
     """Add the commands."""
     app.command("verify-crystals")(verify_crystals)
     app.command("render")(render)
-    app.command("record-crystals")(record_crystals)
 
 
 def verify_crystals(
@@ -137,52 +136,3 @@ def render(
             f"{summary['pruning_steps']:.2f} of an 8-bit step, at most "
             f"{100.0 * float(picture.truncated.max()):.2g} % cut at the depth limit"
         )
-
-
-def record_crystals(
-    scene: Annotated[Path, typer.Argument(help="Scene of crystals, sources, detectors, TOML.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="The ray map to write.")],
-    rays: Annotated[int, typer.Option(min=1, help="Rays to trace.")] = 100_000,
-    seed: Annotated[int, typer.Option(min=0, help="Of the random numbers.")] = 0,
-    threads: Annotated[int | None, typer.Option(min=1, help="Worker threads.")] = None,
-    append: Annotated[bool, typer.Option("--append", help="Add rays to the map.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Write over an existing map.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")] = False,
-) -> None:
-    """Trace polarised light through crystals and record every path, ordinary and extraordinary."""
-    from rich.progress import Progress
-
-    from tracer.crystals.load_record import load_crystal_scene
-    from tracer.crystals.recorder import record_crystals as record
-
-    loaded = load_crystal_scene(scene)
-    with Progress(disable=as_json, transient=True) as bar:
-        task = bar.add_task(loaded.name, total=rays)
-        done = record(
-            loaded,
-            output,
-            rays=rays,
-            seed=seed,
-            threads=threads,
-            append=append,
-            force=force,
-            progress=lambda n, total: bar.update(task, completed=n, total=total),
-        )
-    summary = {
-        "rays": done.rays,
-        "records": done.records,
-        "seconds": done.seconds,
-        "rays_per_second": done.rays / done.seconds,
-        "bytes": done.bytes,
-        "seed": done.seed,
-        "audit": done.audit,
-    }
-    if as_json:
-        emit_json(summary)
-    else:
-        typer.echo(
-            f"{output}: {done.rays} rays, {done.records} records in {done.seconds:.1f} s, "
-            f"{done.bytes / 1e6:.1f} MB"
-        )
-        for name, ends in done.audit.items():
-            typer.echo(f"  {name}: " + ", ".join(f"{key} {n}" for key, n in ends.items()))

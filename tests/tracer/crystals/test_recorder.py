@@ -9,47 +9,57 @@ import raymap
 from raymap.errors import SceneError
 from raymap.events import Event
 from tracer.crystals.branching import trace_tree
-from tracer.crystals.load_record import load_crystal_text
 from tracer.crystals.media import isotropic
-from tracer.crystals.recorder import record_crystals
+from tracer.crystals.scene_language import crystal_scene_of
+from tracer.record import record
+from tracer.scene.load import parse_scene
 
 SCENE = """
+length_unit = "mm"
+
+[spectrum]
+kind = "spectral"
+wavelengths_nm = [500.0, 600.0]
+
+[limits]
 depth = 12
-wavelengths = [500.0, 600.0]
 
 [media.calcite]
-material = "calcite"
+crystal = { material = "calcite" }
 
-[[bodies]]
-name = "rhomb"
+[bodies.rhomb]
+kind = "rhomb"
 medium = "calcite"
-shape = "rhomb"
-turn = 20.0
+edge = 30.0
+position = [0.0, 0.0, 0.01]
+rotation = [0.0, 0.0, 20.0]
 
-[[sources]]
-name = "pencil"
-centre = [4.0, -3.0, 60.0]
+[sources.pencil]
+kind = "collimated"
+position = [4.0, -3.0, 60.0]
 direction = [0.1, 0.05, -1.0]
+diameter = 1e-9
 
-[[detectors]]
-name = "screen"
-centre = [0.0, 0.0, -10.0]
+[detectors.screen]
+position = [0.0, 0.0, -10.0]
+looks = [0.0, 0.0, 1.0]
 size = [60.0, 60.0]
 cells = [32, 32]
+blocking = true
 
-[[detectors]]
-name = "gate"
-centre = [0.0, 0.0, -5.0]
+[detectors.gate]
+position = [0.0, 0.0, -5.0]
+looks = [0.0, 0.0, 1.0]
 size = [60.0, 60.0]
-blocking = false
+cells = [64, 64]
 """
 
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
-    scene = load_crystal_text(SCENE)
+    scene = crystal_scene_of(parse_scene(SCENE))
     path = tmp_path_factory.mktemp("maps") / "calcite.raymap"
-    summary = record_crystals(scene, path, rays=8000, seed=3, threads=2, portion_rays=3000)
+    summary = record(parse_scene(SCENE), path, rays=8000, seed=3, threads=2, portion_rays=3000)
     return scene, path, summary
 
 
@@ -104,9 +114,9 @@ def test_paths_tell_ordinary_from_extraordinary(recorded):
 
 
 def test_the_same_map_whatever_the_portions(recorded, tmp_path):
-    scene, path, _ = recorded
+    _, path, _ = recorded
     again = tmp_path / "again.raymap"
-    record_crystals(scene, again, rays=8000, seed=3, threads=1, portion_rays=8000)
+    record(parse_scene(SCENE), again, rays=8000, seed=3, threads=1, portion_rays=8000)
     with raymap.open(path) as first, raymap.open(again) as second:
         for name in ("event", "position", "color_code"):
             a = np.concatenate([np.asarray(p.column(name)) for p in first.portions])
@@ -116,32 +126,39 @@ def test_the_same_map_whatever_the_portions(recorded, tmp_path):
 
 def test_a_wave_on_a_binormal_becomes_a_cone(tmp_path):
     text = """
-[media.strong]
+length_unit = "mm"
+[spectrum]
+kind = "spectral"
+wavelengths_nm = [589.3]
+
+[media.strong.crystal]
 indices = [1.3, 1.4, 1.5]
 axes = [[{c}, 0.0, {s}], [0.0, 1.0, 0.0], [{ms}, 0.0, {c}]]
 
-[[bodies]]
-name = "plate"
+[bodies.plate]
+kind = "box"
 medium = "strong"
-shape = "box"
 size = [20.0, 20.0, 10.0]
 
-[[sources]]
-name = "pencil"
-centre = [0.0, 0.0, 20.0]
+[sources.pencil]
+kind = "collimated"
+position = [0.0, 0.0, 20.0]
 direction = [0.0, 0.0, -1.0]
+diameter = 1e-9
 
-[[detectors]]
-name = "screen"
-centre = [0.0, 0.0, -5.001]
+[detectors.screen]
+position = [0.0, 0.0, -5.001]
+looks = [0.0, 0.0, 1.0]
 size = [5.0, 5.0]
+cells = [64, 64]
+blocking = true
 """
     x, y, z = (1.0 / np.array([1.3, 1.4, 1.5])) ** 2
     v = np.arctan(np.sqrt((x - y) / (y - z)))
     values = {"c": repr(np.cos(v).item()), "s": repr(np.sin(v).item())}
-    scene = load_crystal_text(text.format(ms=repr(-np.sin(v).item()), **values))
+    scene = parse_scene(text.format(ms=repr(-np.sin(v).item()), **values))
     path = tmp_path / "cone.raymap"
-    record_crystals(scene, path, rays=2000, threads=1)
+    record(scene, path, rays=2000, threads=1)
     with raymap.open(path) as ray_map:
         portion = ray_map.portions[0]
         events = np.asarray(portion.column("event"))
@@ -160,13 +177,13 @@ size = [5.0, 5.0]
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("direction = [0.1, 0.05, -1.0]", "direction = [0, 0, 0]", "direction must be"),
-        ("cells = [32, 32]", "cells = [0, 32]", "size and cells must be positive"),
-        ("depth = 12", "depth = 0", "depth must be at least 1"),
-        ("wavelengths = [500.0, 600.0]", "wavelengths = [-5.0]", "wavelengths must be positive"),
-        ('shape = "rhomb"', 'shape = "ball"', "shape"),
+        ("direction = [0.1, 0.05, -1.0]", "direction = [0, 0, 0]", "direction must"),
+        ("cells = [32, 32]", "cells = [0, 32]", "cells"),
+        ("depth = 12", "depth = 0", "depth"),
+        ("wavelengths_nm = [500.0, 600.0]", "wavelengths_nm = [-5.0]", "wavelengths_nm"),
+        ('kind = "rhomb"', 'kind = "ball"', "ball"),
     ],
 )
 def test_scenes_that_cannot_be_are_refused(old, new, message, tmp_path):
     with pytest.raises(SceneError, match=message):
-        record_crystals(load_crystal_text(SCENE.replace(old, new)), tmp_path / "x.raymap", rays=10)
+        record(parse_scene(SCENE.replace(old, new)), tmp_path / "x.raymap", rays=10)

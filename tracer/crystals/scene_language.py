@@ -1,0 +1,256 @@
+"""Scenes of the common language that hold crystals, for the tracer of crystals.
+
+A medium with ``crystal`` makes a scene of crystals. Such scenes hold bodies with flat faces and
+meshes, parallel and conical beams, plane detectors, in an isotropic world; whatever else the
+language knows is refused by name.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from raymap.directory import ChannelSet, Directory, DisplayMesh
+from raymap.errors import SceneError
+from raymap.portion import Portion
+from tracer.crystals.bodies import CrystalBody, convex_body, mesh_body
+from tracer.crystals.load import MediumModel as CrystalModel
+from tracer.crystals.load import medium_of
+from tracer.crystals.media import Crystal, isotropic
+from tracer.crystals.recorder import (
+    CrystalScene,
+    CrystalTracer,
+    Pencil,
+    PlaneDetector,
+    channels_of,
+    hashed_directory,
+)
+from tracer.crystals.rhomb_body import RhombBody
+from tracer.geometry.bodies import Body, BoxBody, MeshBody, PrismBody
+from tracer.scene.model import RGB_NM, MediumModel, Scene
+
+if TYPE_CHECKING:
+    from tracer.scene.source_model import SourceModel
+
+__all__ = ["CrystalCompilation", "CrystalWavefront", "compile_crystals", "crystal_scene_of"]
+
+Array = NDArray[np.float64]
+
+_BODIES = "box, prism, rhomb and mesh"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CrystalCompilation:
+    """A scene of crystals ready to record; attributes as of `tracer.scene.compile.Compilation`."""
+
+    scene: Scene
+    crystals: CrystalScene
+    directory: Directory
+    channel_set: ChannelSet
+    meshes: dict[int, DisplayMesh]
+
+    def wavefront(self, seed: int) -> CrystalWavefront:
+        """What traces its portions."""
+        return CrystalWavefront(self, seed)
+
+
+class CrystalWavefront:
+    """Traces portions of a scene of crystals; safe to call from many threads."""
+
+    fan = 1
+    splits = False
+
+    def __init__(self, compilation: CrystalCompilation, seed: int) -> None:
+        self.tracer = CrystalTracer(compilation.crystals, compilation.directory, seed)
+
+    def trace(self, first_ray: int, n_rays: int, *, reuse: bool = False) -> Portion:
+        """Trace the rays ``first_ray`` to ``first_ray + n_rays``; ``reuse`` changes nothing."""
+        return self.tracer.portion(first_ray, n_rays)
+
+
+def compile_crystals(scene: Scene) -> CrystalCompilation:
+    """Turn a scene with crystals into tables, directory and display meshes.
+
+    Raises
+    ------
+    SceneError
+        naming the key that a scene of crystals cannot have
+    """
+    crystals = crystal_scene_of(scene)
+    directory, meshes = hashed_directory(crystals, flux_unit=scene.flux_unit)
+    return CrystalCompilation(
+        scene=scene,
+        crystals=crystals,
+        directory=directory,
+        channel_set=channels_of(crystals, directory),
+        meshes=meshes,
+    )
+
+
+def crystal_scene_of(scene: Scene) -> CrystalScene:
+    """The scene as the tracer of crystals describes it."""
+    if scene.length_unit != "mm":
+        raise _refused(scene, "length_unit", "scenes with crystals are in mm")
+    if scene.spectrum.kind != "spectral":
+        raise _refused(
+            scene, "spectrum", 'give wavelengths for crystals: kind = "spectral", wavelengths_nm'
+        )
+    sources = {name: source for name, source in scene.sources.items() if source.on}
+    if not sources:
+        raise _refused(scene, "sources", "there is no source that is on; add [sources.NAME]")
+    return CrystalScene(
+        name=scene.title or "crystals",
+        bodies=tuple(_body(scene, name, body) for name, body in scene.bodies.items()),
+        sources=tuple(_pencil(scene, name, source) for name, source in sources.items()),
+        detectors=tuple(_plane(scene, name) for name in scene.detectors),
+        wavelengths_nm=tuple(float(w) for w in scene.spectrum.channels()),
+        world=_medium(scene, scene.world.medium, None),
+        contacts=scene.contacts,
+        depth=scene.limits.depth,
+        text=scene.text,
+    )
+
+
+def _refused(scene: Scene, key: str, message: str) -> SceneError:
+    return SceneError(f"{scene.origin}: {key}: {message}")
+
+
+def _medium(scene: Scene, name: str, axis: Array | None) -> Crystal:
+    """A crystal, or an isotropic medium, by name; ``axis`` where the body gives an optic axis."""
+    from tracer.scene.media import refractive_index
+
+    if name in ("air", "vacuum") and name not in scene.media:
+        return isotropic(1.0, name=name)
+    if name not in scene.media:
+        known = ", ".join([*scene.media, "air", "vacuum"])
+        raise _refused(scene, "media", f"there is no medium {name!r}; media: {known}")
+    model, place = scene.media[name], f"{scene.origin}: media.{name}"
+    if model.crystal is not None:
+        try:
+            return medium_of(name, CrystalModel.model_validate(model.crystal), axis)
+        except ValidationError as error:
+            first = error.errors()[0]
+            key = ".".join(["crystal", *(str(part) for part in first["loc"])])
+            raise SceneError(f"{place}.{key}: {first['msg']}") from None
+        except SceneError as error:
+            raise SceneError(f"{scene.origin}: {error}") from None
+    if model.scattering is not None:
+        raise SceneError(f"{place}.scattering: nothing scatters in a scene with crystals")
+
+    def index(wavelength_nm: float) -> float:
+        return float(refractive_index(model, np.array([wavelength_nm]), place)[0])
+
+    return isotropic(index, name=name, kappa=_extinction(model))
+
+
+def _extinction(model: MediumModel) -> Any:
+    """Kappa of an absorption coefficient mu [1/mm]: mu lambda / 4 pi."""
+    if model.absorption is None:
+        return 0.0
+    given = model.absorption
+
+    def kappa(wavelength_nm: float) -> float:
+        mu = float(given.at(np.array([wavelength_nm]), np.array(RGB_NM))[0])
+        return mu * wavelength_nm * 1e-6 / (4.0 * np.pi)
+
+    return kappa
+
+
+def _body(scene: Scene, name: str, body: Body) -> CrystalBody:
+    place = f"bodies.{name}"
+    if body.medium is None:
+        raise _refused(scene, f"{place}.medium", "every body is a solid in a scene with crystals")
+    for surface in {body.surface, *body.faces.values()} - {None}:
+        model = scene.surfaces.get(surface or "")
+        if model is None or model.kind != "dielectric" or model.coating is not None:
+            raise _refused(
+                scene, f"{place}.surface", f"{surface!r} is no bare dielectric, as crystals need"
+            )
+    if isinstance(body, RhombBody):
+        planes, axis = body.hull()
+        return convex_body(name, _medium(scene, body.medium, axis), planes)
+    medium = _medium(scene, body.medium, None)
+    if isinstance(body, MeshBody):
+        from tracer.geometry.mesh_files import load_mesh
+
+        mesh = load_mesh(
+            Path(scene.folder) / body.file, name=name, scale=body.scale, faces="one",
+            solid=True, flip=body.flip,
+        )  # fmt: skip
+        origin, frame = body.frame()
+        return mesh_body(name, medium, mesh.vertices @ frame.T + origin, mesh.triangles)
+    if isinstance(body, BoxBody | PrismBody):
+        return convex_body(name, medium, _planes(body))
+    raise _refused(scene, f"{place}.kind", f"crystals are traced in bodies of kind {_BODIES}")
+
+
+def _planes(body: BoxBody | PrismBody) -> Array:
+    """Outward normals and offsets of a body with one flat shape per face."""
+    corners = [np.asarray(plan.shapes[0].mesh()[0], np.float64) for plan in body.plan()]
+    middle = np.concatenate(corners).mean(axis=0)
+    rows = []
+    for points in corners:
+        normal = np.cross(points[1] - points[0], points[2] - points[0])
+        normal /= np.linalg.norm(normal)
+        if normal @ (points[0] - middle) < 0.0:
+            normal = -normal
+        rows.append([*normal, normal @ points.mean(axis=0)])
+    return np.array(rows)
+
+
+def _pencil(scene: Scene, name: str, source: SourceModel) -> Pencil:
+    place = f"sources.{name}"
+    if source.kind not in ("collimated", "point"):
+        raise _refused(scene, f"{place}.kind", "light for crystals is collimated or point")
+    if source.size is not None or source.inner_diameter > 0.0:
+        raise _refused(scene, f"{place}.size", "light for crystals comes from a disc: diameter")
+    if source.spectrum != "white":
+        raise _refused(scene, f"{place}.spectrum", "crystals take light of equal channels: white")
+    if source.inside is not None or source.share is not None:
+        raise _refused(scene, place, "inside and share have no meaning for crystals")
+    if source.flux_unit not in (None, scene.flux_unit):
+        raise _refused(scene, f"{place}.flux_unit", f"crystals take {scene.flux_unit} here")
+    cone = source.cone_deg or 0.0
+    if source.kind == "point" and not 0.0 < cone < 90.0:
+        raise _refused(scene, f"{place}.cone_deg", "a point source needs a cone below 90 degrees")
+    origin, frame = source.frame()
+    return Pencil(
+        name=name,
+        centre=_triple(origin),
+        direction=_triple(frame[:, 2]),
+        radius=0.5 * (source.diameter or 0.0),
+        cone_deg=cone,
+        polarisation=source.polarisation,
+        flux=1.0 if source.flux is None else source.flux,
+    )
+
+
+def _plane(scene: Scene, name: str) -> PlaneDetector:
+    model, place = scene.detectors[name], f"detectors.{name}"
+    if model.kind != "plane":
+        raise _refused(scene, f"{place}.kind", "crystals are seen by plane detectors")
+    if model.both_sides or model.acceptance_deg < 90.0 or model.surface is not None:
+        raise _refused(
+            scene, place, "both_sides, acceptance_deg and surface have no meaning for crystals"
+        )
+    u, v, _ = model.axes()
+    assert model.cells is not None
+    return PlaneDetector(
+        name=name,
+        centre=model.position,
+        axis_u=_triple(u),
+        axis_v=_triple(v),
+        size=model.size,
+        cells=model.cells,
+        blocking=model.blocking,
+    )
+
+
+def _triple(vector: Array) -> tuple[float, float, float]:
+    x, y, z = (float(value) for value in vector)
+    return x, y, z
