@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,10 @@ from tracer.geometry.shapes import (
     Shape,
     SphereCap,
 )
+
+if TYPE_CHECKING:
+    from tracer.importers.cad_bodies import CadBody, CadMeshBody
+    from tracer.importers.step_read import CadSolid
 
 __all__ = ["list_faces"]
 
@@ -69,18 +73,30 @@ def _of_step(path: Path) -> list[Row]:
             "kind": "solid",
             "volume": solid.volume,
             "color": solid.color or None,
-            "faces": [
-                {
-                    "name": face.name,
-                    "kind": face.kind,
-                    "area": face.area,
-                    "color": face.color or None,
-                }
-                for face in solid.faces
-            ],
+            "faces": _solid_faces(solid, 1.0),
         }
         for solid in read_step(path)
     ]
+
+
+def _solid_faces(solid: CadSolid, scale: float) -> list[Row]:
+    return [
+        {
+            "name": face.name,
+            "kind": face.kind,
+            "area": face.area * scale**2,
+            "color": face.color or None,
+        }
+        for face in solid.faces
+    ]
+
+
+def _cad_faces(body: CadBody | CadMeshBody) -> list[Row]:
+    """The faces of a CAD body as the CAD program has them, not as triangles."""
+    from tracer.importers.step_read import read_step
+
+    (solid,) = (solid for solid in read_step(body.path) if solid.name == body.part)
+    return _solid_faces(solid, body.mm)
 
 
 def _of_mesh_file(path: Path) -> Row:
@@ -102,6 +118,7 @@ def _mesh_faces(mesh: Any) -> list[Row]:
 
 def _of_scene(path: Path) -> tuple[str, list[Row]]:
     from tracer.geometry.bodies import MeshBody
+    from tracer.importers.cad_bodies import CadBody, CadMeshBody
     from tracer.scene.compile import resolve_bodies
     from tracer.scene.load import load_scene
 
@@ -109,7 +126,9 @@ def _of_scene(path: Path) -> tuple[str, list[Row]]:
     resolved = resolve_bodies(scene)
     rows: list[Row] = []
     for name, body in resolved.items():
-        if isinstance(body, MeshBody):
+        if isinstance(body, CadBody | CadMeshBody):
+            faces = _cad_faces(body)
+        elif isinstance(body, MeshBody):
             faces = _mesh_faces(body.read(Path(scene.folder), name))
         else:
             faces = [

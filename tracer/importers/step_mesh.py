@@ -66,11 +66,14 @@ def mesh_of_solid(
     lost = set(labels) - set(mesh.face_names)
     if lost:
         raise SceneError(
-            f"{solid.name!r}: its face {sorted(lost)[0]!r} is too small for the chord tolerance of "
-            f"{chord_mm:g} mm; give a smaller one"
+            f"{solid.origin}: {solid.name!r}: its face {sorted(lost)[0]!r} is too small for the "
+            f"chord tolerance of {chord_mm:g} mm; give a smaller one"
         )
     if closed:
-        check_solid(mesh)
+        try:
+            check_solid(mesh)
+        except SceneError as error:
+            raise SceneError(f"{solid.origin}: {error}") from None
     return mesh
 
 
@@ -123,13 +126,13 @@ def _face_triangles(solid: CadSolid, face: CadFace, joints: _Joints) -> tuple[F6
     mesh = occt("BRep").BRep_Tool.Triangulation_s(face.shape, location)
     if mesh is None or mesh.NbTriangles() == 0:
         raise SceneError(
-            f"{solid.name!r}: its face {face.name!r} cannot be meshed; it is broken: repair the "
-            "part in the CAD program and export it again"
+            f"{solid.origin}: {solid.name!r}: its face {face.name!r} cannot be meshed; it is "
+            "broken: repair the part in the CAD program and export it again"
         )
     if mesh.NbTriangles() > LARGEST_TRIANGLES:
         raise SceneError(
-            f"{solid.name!r}: its face {face.name!r} would have {mesh.NbTriangles():,} triangles; "
-            "give a larger chord tolerance"
+            f"{solid.origin}: {solid.name!r}: its face {face.name!r} would have "
+            f"{mesh.NbTriangles():,} triangles; give a larger chord tolerance"
         )
     move = location.Transformation()
     nodes = [mesh.Node(k).Transformed(move) for k in range(1, mesh.NbNodes() + 1)]
@@ -163,12 +166,19 @@ def _node_normals(face: CadFace, mesh: Any) -> F64:
     normals = np.zeros((mesh.NbNodes(), 3))
     if not mesh.HasUVNodes():
         return normals
+    middle_u = 0.5 * (surface.FirstUParameter() + surface.LastUParameter())
+    middle_v = 0.5 * (surface.FirstVParameter() + surface.LastVParameter())
     point, along_u, along_v = gp.gp_Pnt(), gp.gp_Vec(), gp.gp_Vec()
     for k in range(mesh.NbNodes()):
         place = mesh.UVNode(k + 1)
-        surface.D1(place.X(), place.Y(), point, along_u, along_v)
-        across = along_u.Crossed(along_v)
-        size = across.Magnitude()
-        if size > 1e-12 * (1.0 + along_u.Magnitude() * along_v.Magnitude()):
-            normals[k] = across.X() / size, across.Y() / size, across.Z() / size
+        u, v = place.X(), place.Y()
+        # At a pole one direction has no length: step aside by a little
+        for share in (0.0, 1e-6):
+            surface.D1(u + share * (middle_u - u), v + share * (middle_v - v),
+                       point, along_u, along_v)  # fmt: skip
+            across = along_u.Crossed(along_v)
+            size = across.Magnitude()
+            if size > 1e-9 * (along_u.SquareMagnitude() + along_v.SquareMagnitude()):
+                normals[k] = across.X() / size, across.Y() / size, across.Z() / size
+                break
     return normals

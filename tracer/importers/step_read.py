@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -15,11 +16,15 @@ from typing import Any
 
 from raymap.errors import SceneError
 from tracer.importers.occt import occt
+from tracer.importers.prescription import ImportWarning
 
 __all__ = ["STEP_SUFFIXES", "CadFace", "CadSolid", "clean_name", "explore", "read_step"]
 
 STEP_SUFFIXES = (".step", ".stp", ".p21")
 LARGEST_BYTES = 2 * 2**30
+
+_WIDEST_GAP = 1e-2
+"""Share of a solid's size by which the edges of a face may miss each other."""
 
 _MADE_UP = re.compile(r"=>\[|NAUO\d*$|^\s*$|Open CASCADE|^\d+$|^NONE$", re.IGNORECASE)
 """Names that programs put where the user gave none."""
@@ -40,6 +45,7 @@ class CadFace:
 class CadSolid:
     """A solid in place, lengths in millimetres; ``size`` is the diagonal of its box."""
 
+    origin: str
     name: str
     shape: Any
     volume: float
@@ -76,6 +82,7 @@ def _read(path: str, modified: int, size: int) -> tuple[CadSolid, ...]:
 class _StepFile:
     def __init__(self, path: Path) -> None:
         self.origin = path.name
+        self.loose = 0
         caf, application = occt("STEPCAFControl"), occt("XCAFApp").XCAFApp_Application
         format_name = occt("TCollection").TCollection_ExtendedString("BinXCAF")
         self.document = occt("TDocStd").TDocStd_Document(format_name)
@@ -100,6 +107,13 @@ class _StepFile:
             raise SceneError(
                 f"{self.origin}: holds no solid ({self._contents()}); light needs an inside and an "
                 "outside: join the surfaces to solids in the CAD program"
+            )
+        if self.loose > 0:
+            warnings.warn(
+                f"{self.origin}: {self.loose} faces belong to no solid and are left out; join them "
+                "to solids in the CAD program if light shall meet them",
+                ImportWarning,
+                stacklevel=2,
             )
         return tuple(_unique(found))
 
@@ -147,6 +161,8 @@ class _StepFile:
         else:
             shape = self._shape(label)
             solids = list(explore(shape, "TopAbs_SOLID"))
+            in_solids = sum(1 for solid in solids for _ in explore(solid, "TopAbs_FACE"))
+            self.loose += sum(1 for _ in explore(shape, "TopAbs_FACE")) - in_solids
             for solid in solids:
                 own = self._entity_name(solid) if len(solids) > 1 else ""
                 yield own or name, self._shape_color(solid) or color, solid.Moved(place)
@@ -203,6 +219,7 @@ class _StepFile:
             shape = shape.Complemented()
             faces = list(explore(shape, "TopAbs_FACE"))
         return CadSolid(
+            origin=self.origin,
             name=name,
             shape=shape,
             volume=abs(volume),
@@ -225,6 +242,18 @@ class _StepFile:
         analyzer = occt("BRepCheck").BRepCheck_Analyzer
         if not faces:
             raise SceneError(f"{self.origin}: {name!r} is a solid without faces; export it again")
+        size = _size(shape)
+        for face_name, face in zip(names, faces, strict=True):
+            gap = max(
+                (occt("BRep").BRep_Tool.Tolerance_s(v) for v in explore(face, "TopAbs_VERTEX")),
+                default=0.0,
+            )
+            if gap > _WIDEST_GAP * size:
+                raise SceneError(
+                    f"{self.origin}: {name!r}: its face {face_name!r} is broken (its edges miss "
+                    f"each other by {gap:.3g} mm); repair the part in the CAD program and export "
+                    "it again"
+                )
         if analyzer(shape).IsValid():
             return
         for face_name, face in zip(names, faces, strict=True):

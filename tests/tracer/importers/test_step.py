@@ -1,0 +1,313 @@
+"""STEP files as bodies: volumes, areas, names, colours, units, exact shapes, bad files."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from OCP.BRepAlgoAPI import BRepAlgoAPI_Cut
+from OCP.BRepPrimAPI import (
+    BRepPrimAPI_MakeBox,
+    BRepPrimAPI_MakeCone,
+    BRepPrimAPI_MakeCylinder,
+    BRepPrimAPI_MakeSphere,
+    BRepPrimAPI_MakeTorus,
+)
+from OCP.gp import gp_Ax2, gp_Dir, gp_Pnt
+from typer.testing import CliRunner
+
+import raymap
+from raymap.cli import application
+from raymap.errors import SceneError
+from tests.tracer.importers.step_files import Part, faces_only, write_step
+from tracer.geometry.shapes import Cylinder, Frustum, SphereCap
+from tracer.importers.cad_bodies import CadBody, CadMeshBody
+from tracer.importers.prescription import ImportWarning
+from tracer.importers.step_mesh import mesh_of_solid
+from tracer.importers.step_read import read_step
+from tracer.record import record
+from tracer.scene.load import parse_scene
+from tracer.trace import trace_rays
+
+SCENE = """
+length_unit = "mm"
+[media.glass]
+index = 1.5
+[surfaces.black]
+kind = "absorber"
+[cad_files.cad]
+file = "part.step"
+medium = "glass"
+{more}
+[sources.beam]
+kind = "collimated"
+position = [0, 0, -30]
+direction = [0, 0, 1]
+diameter = 4
+[detectors.screen]
+position = [0, 0, 60]
+looks = [0, 0, -1]
+size = [40, 40]
+cells = [10, 10]
+blocking = true
+"""
+
+
+def ball(radius: float = 5.0) -> Part:
+    return Part("ball", BRepPrimAPI_MakeSphere(radius).Shape())
+
+
+def test_volumes_areas_names_and_colours(tmp_path: Path) -> None:
+    block = BRepPrimAPI_MakeBox(2.0, 3.0, 4.0).Shape()
+    parts = [
+        Part("block", block, ((0, 0, 0), (10, 0, 0)), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+        Part("ball", BRepPrimAPI_MakeSphere(5.0).Shape(), ((30, 0, 0),)),
+        Part("cup", BRepPrimAPI_MakeCone(3.0, 1.0, 4.0).Shape(), ((50, 0, 0),)),
+        Part("ring", BRepPrimAPI_MakeTorus(8.0, 2.0).Shape(), ((70, 0, 0),)),
+    ]
+    path = write_step(tmp_path / "all.step", parts, face_names=["mirror side", "back.of*it"])
+    solids = {solid.name: solid for solid in read_step(path)}
+    assert list(solids) == ["block_1", "block_2", "ball", "cup", "ring"]
+    cone = math.pi * 4.0 * (9.0 + 3.0 + 1.0) / 3.0
+    volumes = {"block_1": 24.0, "block_2": 24.0, "ball": 4 / 3 * math.pi * 125.0, "cup": cone,
+               "ring": 2 * math.pi**2 * 8.0 * 4.0}  # fmt: skip
+    for name, volume in volumes.items():
+        assert solids[name].volume == pytest.approx(volume, rel=1e-9)
+    names = [face.name for face in solids["block_1"].faces]
+    assert names[:3] == ["mirror_side", "back_of_it", "face_3"]
+    assert sorted(face.area for face in solids["block_2"].faces) == pytest.approx(
+        [6, 6, 8, 8, 12, 12]
+    )
+    assert solids["block_2"].color == "#ff0000"
+    assert solids["block_1"].faces[0].color == "#0000ff"
+    assert [face.kind for face in solids["cup"].faces] == ["cone", "plane", "plane"]
+    assert solids["ring"].faces[0].area == pytest.approx(4 * math.pi**2 * 16.0)
+    # Copies stand apart
+    low = [mesh_of_solid(solids[f"block_{k}"], chord_mm=1, angle_deg=20).vertices for k in (1, 2)]
+    assert np.allclose(low[1].min(axis=0) - low[0].min(axis=0), [10, 0, 0])
+
+
+def test_inches_become_scene_units(tmp_path: Path) -> None:
+    # OpenCASCADE takes its numbers for millimetres and writes them in inches
+    path = write_step(tmp_path / "part.step", [ball(25.4)], unit="INCH")
+    assert "'INCH'" in path.read_text(encoding="utf-8")
+    assert read_step(path)[0].volume == pytest.approx(4 / 3 * math.pi * 25.4**3, rel=1e-6)
+    text = SCENE.format(more="").replace('"mm"', '"in"')
+    body = parse_scene(text, folder=tmp_path).bodies["cad.ball"]
+    (cap,) = body.plan()[0].shapes
+    assert isinstance(cap, SphereCap)
+    assert cap.radius == pytest.approx(1.0, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("shape", "kinds"),
+    [
+        (BRepPrimAPI_MakeSphere(5.0).Shape(), {SphereCap}),
+        (BRepPrimAPI_MakeCylinder(2.0, 6.0).Shape(), {Cylinder}),
+        (BRepPrimAPI_MakeCone(3.0, 0.0, 6.0).Shape(), {Frustum}),
+        (BRepPrimAPI_MakeCone(1.0, 3.0, 6.0).Shape(), {Frustum}),
+        (
+            BRepPrimAPI_MakeSphere(
+                gp_Ax2(gp_Pnt(1, 2, 3), gp_Dir(1, 2, 2)), 5.0, 0.3, math.pi / 2
+            ).Shape(),
+            {SphereCap},
+        ),
+        (
+            BRepAlgoAPI_Cut(
+                BRepPrimAPI_MakeCylinder(4.0, 6.0).Shape(),
+                BRepPrimAPI_MakeCylinder(2.0, 6.0).Shape(),
+            ).Shape(),
+            {Cylinder},
+        ),
+        (
+            BRepAlgoAPI_Cut(
+                BRepPrimAPI_MakeBox(4.0, 4.0, 4.0).Shape(),
+                BRepPrimAPI_MakeBox(2.0, 2.0, 4.0).Shape(),
+            ).Shape(),
+            set(),
+        ),
+    ],
+)
+def test_closed_forms_are_where_the_triangles_are(
+    tmp_path: Path, shape: object, kinds: set[type]
+) -> None:
+    write_step(tmp_path / "part.step", [Part("part", shape)])
+    exact = parse_scene(SCENE.format(more=""), folder=tmp_path)
+    rough = parse_scene(
+        SCENE.format(more="triangles = true\nchord = 0.002\nangle_deg = 5"), folder=tmp_path
+    )
+    body, mesh = exact.bodies["cad.part"], rough.bodies["cad.part"]
+    assert isinstance(body, CadBody)
+    assert isinstance(mesh, CadMeshBody)
+    assert kinds <= {type(shape) for plan in body.plan() for shape in plan.shapes}
+    # The same rays meet the same faces at the same places, and go the same way behind
+    generator = np.random.default_rng(4)
+    n = 60
+    origins = generator.uniform(-30, 30, (n, 3))
+    origins *= 30.0 / np.linalg.norm(origins, axis=1, keepdims=True)
+    directions = generator.uniform(-1.5, 2.5, (n, 3)) - origins
+    traced = [
+        trace_rays(scene, origins, directions, wavelength_nm=550.0) for scene in (exact, rough)
+    ]
+    same = hits = 0
+    for ray in range(n):
+        a, b = (t.points[t.offsets[ray] : t.offsets[ray + 1]] for t in traced)
+        if len(a) > 2:
+            hits += 1
+            same += len(a) == len(b) and bool(np.abs(a[1:-1] - b[1:-1]).max() < 0.02)
+    assert hits > 10
+    assert same >= 0.9 * hits
+
+
+def test_triangles_keep_the_chord_and_have_the_normals_of_the_surface(tmp_path: Path) -> None:
+    path = write_step(
+        tmp_path / "ring.step", [Part("ring", BRepPrimAPI_MakeTorus(8.0, 2.0).Shape())]
+    )
+    mesh = mesh_of_solid(read_step(path)[0], chord_mm=0.02, angle_deg=30)
+    assert mesh.face_names == ("face_1",)
+    assert mesh.closed
+    corners = mesh.vertices[mesh.triangles]
+
+    def off(p: np.ndarray) -> np.ndarray:
+        return np.hypot(np.hypot(p[..., 0], p[..., 1]) - 8.0, p[..., 2]) - 2.0
+
+    assert np.abs(off(corners)).max() < 1e-9
+    for weights in ((1, 1, 1), (1, 1, 0), (0, 1, 1), (1, 0, 1), (4, 1, 1)):
+        inside = np.einsum("k,mkj->mj", np.array(weights) / sum(weights), corners)
+        assert np.abs(off(inside)).max() < 0.02 * 1.05
+    ring = np.dstack([corners[..., 0], corners[..., 1], 0.0 * corners[..., 0]])
+    ring *= 8.0 / np.linalg.norm(ring, axis=2, keepdims=True)
+    expected = (corners - ring) / 2.0
+    assert mesh.corner_normals is not None
+    assert np.abs(mesh.corner_normals - expected).max() < 1e-9
+    assert mesh.volume == pytest.approx(2 * math.pi**2 * 8.0 * 4.0, rel=0.02)
+
+
+def test_a_ball_of_step_traces_as_the_sphere(tmp_path: Path) -> None:
+    write_step(tmp_path / "part.step", [ball()])
+    step = parse_scene(SCENE.format(more=""), folder=tmp_path)
+    own = parse_scene(
+        SCENE.format(more="").replace(
+            '[cad_files.cad]\nfile = "part.step"', '[bodies.ball]\nkind = "sphere"\nradius = 5'
+        )
+    )
+    fine = parse_scene(
+        SCENE.format(more="triangles = true\nchord = 0.001\nangle_deg = 3"), folder=tmp_path
+    )
+    x = np.linspace(-3.0, 3.0, 41)
+    origins = np.column_stack([x, 0.3 * x + 0.1, np.full(len(x), -30.0)])
+    directions = np.tile([0.0, 0.0, 1.0], (len(x), 1))
+    ends = [
+        trace_rays(scene, origins, directions, wavelength_nm=550.0) for scene in (own, step, fine)
+    ]
+    assert np.array_equal(ends[0].offsets, ends[1].offsets)
+    assert np.abs(ends[0].points - ends[1].points).max() < 1e-12
+    assert np.array_equal(ends[0].offsets, ends[2].offsets)
+    # 50 mm behind the ball, through two refractions at triangles with exact normals
+    off = np.linalg.norm(ends[0].points - ends[2].points, axis=1)
+    assert off.max() < 0.01
+
+
+def test_the_map_names_what_took_part(tmp_path: Path) -> None:
+    block = BRepPrimAPI_MakeBox(gp_Pnt(-4, -4, 10), 8.0, 8.0, 1.0).Shape()
+    write_step(tmp_path / "part.step", [ball(), Part("block", block, color=(0.0, 1.0, 0.0))])
+    more = (
+        '[cad_files.cad.bodies.block]\nsurface = "black"\nfaces = { "face_[56]" = "bare" }\n'
+        '[simulations.without]\nleave_out = ["*.block"]\n'
+    )
+    for name, objects in ((None, ["cad.ball", "cad.block", "screen"]), ("without", ["cad.ball", "screen"])):  # fmt: skip # noqa: E501
+        scene = parse_scene(SCENE.format(more=more), folder=tmp_path, simulation=name)
+        record(scene, tmp_path / "m.raymap", rays=500, force=True, threads=1)
+        with raymap.open(tmp_path / "m.raymap") as map_:
+            directory = map_.directory
+        assert [item.name for item in directory.objects] == objects
+        if name is None:
+            block_object = directory.objects[1]
+            assert block_object.parameters["color"] == "#00ff00"
+            assert [face.name for face in block_object.faces] == [f"face_{k}" for k in range(1, 7)]
+            surfaces = [directory.surfaces[face.surface].name for face in block_object.faces]
+            assert surfaces == ["black"] * 4 + ["bare"] * 2
+            assert directory.parameters == {}
+        else:
+            assert directory.parameters["simulation"] == {
+                "simulation": "without",
+                "leave_out": ["*.block"],
+                "left_out": {"bodies": ["cad.block"]},
+            }
+
+
+def test_bad_files_are_one_clear_error(tmp_path: Path) -> None:
+    path = tmp_path / "part.step"
+    write_step(path, [Part("shells", faces_only())])
+    with pytest.raises(SceneError, match=r"part.step: holds no solid \(6 faces, 24 edges\)"):
+        read_step(path)
+    path.write_text("no step at all", encoding="utf-8")
+    with pytest.raises(SceneError, match=r"part.step: cannot be read as a STEP file"):
+        read_step(path)
+    with pytest.raises(SceneError, match="there is no CAD file"):
+        read_step(tmp_path / "none.step")
+    # A face is gone from the shell
+    text = write_step(path, [Part("box", BRepPrimAPI_MakeBox(1, 1, 1).Shape())]).read_text("utf-8")
+    start = text.index("CLOSED_SHELL('',(") + len("CLOSED_SHELL('',(")
+    path.write_text(text[:start] + text[text.index(",", start) + 1 :], encoding="utf-8")
+    with pytest.raises(SceneError, match=r"holds no solid \(5 faces"):
+        read_step(path)
+    # A corner lies elsewhere: the edges of three faces miss each other
+    corner = re.search(r"VERTEX_POINT\('',(#\d+)\)", text)
+    assert corner is not None
+    moved = re.sub(
+        rf"{corner[1]} = CARTESIAN_POINT\('',\([^)]*\)\)",
+        f"{corner[1]} = CARTESIAN_POINT('',(5.,5.,7.))",
+        text,
+    )
+    path.write_text(moved, encoding="utf-8")
+    with pytest.raises(SceneError, match=r"part.step: 'box': its face 'face_\d' is broken"):
+        read_step(path)
+    path.write_text(text[: len(text) // 2], encoding="utf-8")
+    with pytest.raises(SceneError, match="cannot be read as a STEP file"):
+        read_step(path)
+
+
+def test_loose_faces_are_told(tmp_path: Path) -> None:
+    path = write_step(tmp_path / "part.step", [ball(), Part("sheet", faces_only())])
+    with pytest.warns(ImportWarning, match="6 faces belong to no solid"):
+        assert [solid.name for solid in read_step(path)] == ["ball"]
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ('use = ["bal"]', r"cad_files.cad.use: the file has no solid 'bal'; it has ball"),
+        ('faces = { fae_1 = "black" }', r"no solid has such a face; there are face_1"),
+        ("chrod = 1", r"cad_files.cad.chrod: unknown key; did you mean 'chord'"),
+        ('[cad_files.cad.bodies.bell]\nsurface = "black"', "no solid 'bell'; it has ball"),
+    ],
+)
+def test_bad_keys_are_named(tmp_path: Path, more: str, words: str) -> None:
+    write_step(tmp_path / "part.step", [ball()])
+    with pytest.raises(SceneError, match=words):
+        parse_scene(SCENE.format(more=more), folder=tmp_path)
+
+
+def test_faces_are_listed(tmp_path: Path) -> None:
+    path = write_step(tmp_path / "part.step", [ball()])
+    (tmp_path / "scene.toml").write_text(SCENE.format(more="triangles = true"), encoding="utf-8")
+    for file, name in ((path, "ball"), (tmp_path / "scene.toml", "cad.ball")):
+        result = CliRunner().invoke(application(), ["faces", str(file), "--json"])
+        assert result.exit_code == 0
+        listed = json.loads(result.stdout)
+        assert listed["length_unit"] == "mm"
+        (body,) = listed["bodies"]
+        assert body["name"] == name
+        (face,) = body["faces"]
+        assert (face["name"], face["kind"]) == ("face_1", "sphere")
+        assert face["area"] == pytest.approx(100 * math.pi)
+    result = CliRunner().invoke(application(), ["faces", str(path)])
+    assert "1 bodies, 1 faces" in result.stdout
+    result = CliRunner().invoke(application(), ["record", str(path), "-o", "x.raymap"])
+    assert isinstance(result.exception, SceneError)
+    assert "cad_files" in str(result.exception)
