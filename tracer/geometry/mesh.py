@@ -217,13 +217,13 @@ def check_solid(mesh: TriangleMesh) -> None:
         raise SceneError(
             f"mesh {mesh.name!r}: {turned} edges belong to more than two triangles or to triangles "
             f"of opposite order, {_edge_place(mesh, int(repeated[0]))}; light could not tell "
-            "inside from outside; repair the mesh, or give it as a surface (solid = false)"
+            "inside from outside; repair the mesh, or give it as a surface (without a medium)"
         )
     if len(open_edges):
         raise SceneError(
             f"mesh {mesh.name!r} is open: {len(open_edges)} edges have one triangle only, "
             f"{_edge_place(mesh, int(open_edges[0]))}; light would leak in; close the mesh, or "
-            "give it as a surface (solid = false)"
+            "give it as a surface (without a medium)"
         )
     if mesh.volume < 0.0:
         raise SceneError(

@@ -14,9 +14,9 @@ from raymap.errors import SceneError
 __all__ = ["ByWavelength", "Node", "Placed", "Positive", "Share", "Spectral", "Vector"]
 
 Array = NDArray[np.float64]
-Vector = tuple[float, float, float]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Length = Annotated[float, Field(allow_inf_nan=False)]
+Vector = tuple[Length, Length, Length]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
 
 
@@ -34,6 +34,12 @@ class ByWavelength(Node):
     rgb: tuple[float, float, float] | None = None
 
     def model_post_init(self, context: Any) -> None:
+        for values in (self.wavelength_nm, self.value, self.rgb or ()):
+            for place, number in enumerate(values):
+                if not math.isfinite(number):
+                    raise ValueError(
+                        f"entry {place + 1} is {number}: a gap; fill it in, or leave the entry out"
+                    )
         if self.rgb is None:
             if len(self.wavelength_nm) < 2 or len(self.wavelength_nm) != len(self.value):
                 raise ValueError(

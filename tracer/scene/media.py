@@ -12,6 +12,7 @@ from raymap.directory import Medium
 from raymap.errors import SceneError
 from tracer.optics import dispersion, phase
 from tracer.optics.glasses import Glass, find_glass
+from tracer.scene.fields import ByWavelength
 from tracer.scene.load import _nearest
 from tracer.scene.model import RGB_NM, MediumModel, Phase, Scene
 
@@ -70,11 +71,12 @@ def medium_table(scene: Scene, wavelengths_nm: Array) -> MediumTable:
             glass = _glass(model, place)
             absorption[k] = glass.absorption(wavelengths_nm) * _MM[scene.length_unit]
         if model.absorption is not None:
-            absorption[k] = model.absorption.at(wavelengths_nm, np.array(RGB_NM))
+            absorption[k] = _at(model.absorption, wavelengths_nm, f"{place}.absorption")
         if model.scattering is not None:
             given = model.scattering
             if given.coefficient is not None:
-                scattering[k] = given.coefficient.at(wavelengths_nm, np.array(RGB_NM))
+                key = f"{place}.scattering.coefficient"
+                scattering[k] = _at(given.coefficient, wavelengths_nm, key)
             else:
                 scattering[k] = 1.0 / (given.mean_free_path or 1.0)
             if given.albedo is not None:
@@ -127,12 +129,20 @@ def refractive_index(model: MediumModel, wavelengths_nm: Array, place: str) -> A
     elif model.cauchy is not None:
         values = dispersion.cauchy(model.cauchy, name=place).index(wavelengths_nm)
     elif model.index is not None:
-        values = model.index.at(wavelengths_nm, np.array(RGB_NM))
+        values = _at(model.index, wavelengths_nm, f"{place}.index")
     else:
         values = _glass(model, place).index(wavelengths_nm)
     if values.min() <= 0.0:
         raise SceneError(f"{place}: the refractive index must be positive, it is {values.min():g}")
     return np.asarray(values)
+
+
+def _at(given: ByWavelength, wavelengths_nm: Array, place: str) -> Array:
+    """Values at the channels; what is wrong is said with its place."""
+    try:
+        return given.at(wavelengths_nm, np.array(RGB_NM))
+    except SceneError as error:
+        raise SceneError(f"{place}: {error}") from None
 
 
 def _glass(model: MediumModel, place: str) -> Glass:

@@ -272,7 +272,7 @@ class SourceTable:
             except SceneError as error:
                 raise self.fail(f"{name}.spectrum", str(error)) from None
         if isinstance(model.spectrum, ByWavelength):
-            color = model.spectrum.at(self.wavelengths, np.array(RGB_NM))
+            color = np.asarray(model.spectrum.at(self.wavelengths, np.array(RGB_NM)))
         else:
             color = np.ones(len(self.wavelengths))
         if not np.all(np.isfinite(color)) or color.min() < 0.0 or color.sum() <= 0.0:

@@ -394,3 +394,38 @@ def test_bad_detectors_are_refused_in_one_line(text: str, message: str) -> None:
     with pytest.raises(SceneError, match=message) as caught:
         compiled(f'[sources.s]\nkind = "point"\n{ball}[detectors.d]\n{text}\n')
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("reflectance", [0.5, 0.9])
+def test_an_integrating_sphere_multiplies_the_light_on_its_wall(
+    tmp_path: Path, reflectance: float
+) -> None:
+    (wall,) = pictures(
+        f"""
+[surfaces.white]
+kind = "lambertian"
+reflectance = {reflectance}
+[bodies.wall]
+kind = "sphere"
+radius = 50
+surface = "white"
+[sources.lamp]
+kind = "point"
+flux = 20
+[detectors.wall]
+kind = "surface"
+face = "wall"
+side = "inside"
+cells = [10, 8]
+""",
+        tmp_path / "a.raymap",
+        40_000,
+        "wall",
+    )
+    # The wall gets the flux 1 / (1 - rho) times; each ray meets it a geometric number of times
+    multiplier = 1.0 / (1.0 - reflectance)
+    spread = math.sqrt(reflectance) * multiplier / math.sqrt(40_000)
+    assert abs(wall.total / 20.0 - multiplier) < 4.5 * spread
+    lux = 20.0 * multiplier / (4.0 * math.pi * 0.05**2)
+    excess = ((wall.illuminance - lux) / wall.density_se) ** 2
+    assert excess.mean() < 1.6

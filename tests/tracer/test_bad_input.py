@@ -1,0 +1,102 @@
+"""Input that cannot be traced as it stands: one clear line with its place, or a counted warning."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from raymap.errors import SceneError
+from tracer.geometry.mesh import MeshWarning
+from tracer.scene.compile import Compilation, compile_scene
+from tracer.scene.load import parse_scene
+
+HEAD = 'length_unit = "mm"\n[sources.s]\nkind = "point"\nposition = [0, 0, 9]\n'
+MESH = """
+[media.g]
+index = 1.5
+[bodies.b]
+kind = "mesh"
+file = "b.stl"
+scale = 1
+medium = "g"
+"""
+BALL = '[bodies.b]\nkind = "sphere"\nradius = 1\n'
+INDEX = BALL + 'medium = "g"\n[media.g]\nindex = '
+SURFACE = BALL + 'surface = "m"\n[surfaces.m]\n'
+
+CASES = {
+    "no unit of length": ("!", r"length_unit: is missing"),
+    "unknown unit": ("!furlong", r"length_unit: input should be 'mm'"),
+    "mesh without a unit": (MESH.replace("scale = 1\n", ""), r"bodies\.b\.scale: is missing"),
+    "gap in an index": (
+        INDEX + "{ wavelength_nm = [400, 700], value = [1.5, nan] }",
+        r"media\.g\.index: entry 2 is nan: a gap",
+    ),
+    "table that ends early": (
+        INDEX + "{ wavelength_nm = [500, 700], value = [1.5, 1.5] }",
+        r"media\.g\.index: a table covers 500 to 700 nm, the trace needs 464 to 611 nm",
+    ),
+    "index below zero": (INDEX + "-1", r"media\.g: the refractive index must be positive"),
+    "reflectance that is no number": (
+        SURFACE + 'kind = "lambertian"\nreflectance = nan',
+        r"surfaces\.m\.reflectance: entry 1 is nan",
+    ),
+    "diffuse energy": (
+        SURFACE + 'kind = "lambertian"\nreflectance = 0.7\ntransmittance = 0.5',
+        r"surfaces\.m: reflectance \+ transmittance is 1\.2",
+    ),
+    "scatter that creates energy": (
+        SURFACE + 'kind = "mirror"\nreflectance = 1\nscatter = { abg = [5, 0.01, 1.5] }',
+        r"surface 'm' scatters 46\.\d+ times the light that arrives",
+    ),
+    "measurement that creates energy": (
+        SURFACE
+        + 'kind = "tabulated"\n[surfaces.m.reflected]\ntheta_i_deg = [0, 90]\n'
+        + "theta_o_deg = [0, 90]\nphi_deg = [0, 180]\n"
+        + "values = [[[0.9, 0.9], [0.9, 0.9]], [[0.9, 0.9], [0.9, 0.9]]]",
+        r"surface 'm': its BSDF table creates energy: at 0 degrees it scatters 2\.827 times",
+    ),
+    "place beyond all bounds": (
+        BALL.replace("radius", "position = [0, 0, inf]\nradius"),
+        r"bodies\.b\.position\.2: input should be a finite number",
+    ),
+}
+
+
+def compiled(text: str, folder: Path) -> Compilation:
+    if text.startswith("!"):
+        unit = f'length_unit = "{text[1:]}"\n' if text[1:] else ""
+        return compile_scene(parse_scene(unit + HEAD.partition("\n")[2], folder=folder))
+    return compile_scene(parse_scene(HEAD + text, folder=folder))
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_bad_input_is_refused_in_one_line(case: str, tmp_path: Path) -> None:
+    text, message = CASES[case]
+    with pytest.raises(SceneError, match=message) as caught:
+        compiled(text, tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+def test_bad_meshes_are_refused_or_warned_about(tmp_path: Path) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    box = trimesh.creation.box(extents=[2, 2, 2])
+    file = tmp_path / "b.stl"
+    opened = box.copy()
+    opened.update_faces(np.arange(11))
+    opened.export(file)
+    with pytest.raises(SceneError, match=r"mesh 'b' is open: 3 edges .* \(without a medium\)"):
+        compiled(MESH, tmp_path)
+    turned = box.copy()
+    turned.invert()
+    turned.export(file)
+    with pytest.raises(SceneError, match=r"mesh 'b' is inside out: .* flip = true"):
+        compiled(MESH, tmp_path)
+    compiled(MESH + "flip = true\n", tmp_path)
+    other = trimesh.creation.box(extents=[2, 2, 2])
+    other.apply_translation([1, 0.5, 0.3])
+    trimesh.util.concatenate([box, other]).export(file)
+    with pytest.warns(MeshWarning, match="mesh 'b': 12 edges run through triangles elsewhere"):
+        compiled(MESH, tmp_path)
