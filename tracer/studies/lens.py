@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from raymap.directory import Directory
 from raymap.errors import SceneError
 from tracer.geometry.bodies import Body, LensBody, RingBody
 from tracer.scene.media import refractive_index
@@ -182,20 +183,15 @@ def _image_of_stop(surfaces: list[AxialSurface], world: float, place: float) -> 
     return z, 1.0 / angle
 
 
-def examine(scene: Scene) -> dict[str, Any]:
-    """What `raymap check` reports: bodies, media, overlaps, first-order numbers."""
-    from tracer.scene.compile import compile_scene
-    from tracer.scene.source_check import check_sources
-
-    compilation = compile_scene(scene)
-    check_sources(compilation)
-    directory = compilation.directory
-    report: dict[str, Any] = {
+def _parts(scene: Scene, directory: Directory, channels: list[str]) -> dict[str, Any]:
+    """What a scene holds, by name."""
+    models = [scene.sources[entry.name] for entry in directory.sources]
+    return {
         "scene": scene.origin,
         "title": scene.title,
         "sources": [
             f"{entry.name} ({'on' if model.on else 'off'}, {entry.flux:g} {scene.flux_unit})"
-            for entry, model in zip(directory.sources, scene.sources.values(), strict=True)
+            for entry, model in zip(directory.sources, models, strict=True)
         ],
         "bodies": {
             item.name: f"{item.kind}, faces {', '.join(face.name for face in item.faces)}"
@@ -203,9 +199,24 @@ def examine(scene: Scene) -> dict[str, Any]:
         },
         "media": sorted({body.medium for body in scene.bodies.values() if body.medium}),
         "detectors": [item.name for item in directory.detectors],
-        "channels": compilation.channel_set.labels,
-        "faces": len(compilation.arrays.face_i),
+        "channels": channels,
     }
+
+
+def examine(scene: Scene) -> dict[str, Any]:
+    """What `raymap check` reports: bodies, media, overlaps, first-order numbers."""
+    from tracer.scene.compile import compile_scene
+    from tracer.scene.source_check import check_sources
+
+    if scene.has_crystals:
+        from tracer.crystals.scene_language import compile_crystals
+
+        found = compile_crystals(scene)
+        return _parts(scene, found.directory, found.channel_set.labels)
+    compilation = compile_scene(scene)
+    check_sources(compilation)
+    report = _parts(scene, compilation.directory, compilation.channel_set.labels)
+    report["faces"] = len(compilation.arrays.face_i)
     if any(isinstance(body, LensBody) for body in scene.bodies.values()):
         try:
             report |= asdict(first_order(scene))
