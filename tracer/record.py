@@ -145,7 +145,8 @@ def record(
 
         return record_shards(
             compilation, path, executor, rays=rays, seconds=seconds, seed=seed, append=append,
-            force=force, raw=raw, portion_rays=portion_rays, progress=progress, cancel=cancel,
+            force=force, raw=raw, compact=compact, portion_rays=portion_rays, progress=progress,
+            cancel=cancel,
         )  # fmt: skip
     if isinstance(compilation, Compilation):
         check_sources(compilation)

@@ -33,6 +33,7 @@ from raymap.opening import open as open_map
 from raymap.resume import scene_difference
 from raymap.shards import SUFFIX, shard_paths
 from raymap.writer import RayMapWriter
+from tracer.scene.arrays import R_RAYS, R_SPLITS, CompiledScene
 
 if TYPE_CHECKING:
     from tracer.record import Progress, RecordResult
@@ -52,7 +53,7 @@ class ShardTask:
     ----------
     scene : the packed compilation
     name : of the file
-    first_ray, rays, seed : which rays
+    first_ray, rays, seed : which rays (emissions, where rays split)
     seconds : stop after so long, or None
     folder : where it is written: a path, an `Address`, or None to send it back
     probe : a file in the folder by which a worker knows that it sees the same folder
@@ -67,6 +68,7 @@ class ShardTask:
     seconds: float | None
     portion_rays: int | None
     raw: bool
+    compact: bool
     folder: Path | Address
     probe: str | None
     meshes: bool
@@ -93,6 +95,7 @@ def record_shards(
     append: bool = False,
     force: bool = False,
     raw: bool = False,
+    compact: bool = False,
     portion_rays: int | None = None,
     shard_rays: int | None = None,
     progress: Callable[[Progress], None] | None = None,
@@ -104,8 +107,10 @@ def record_shards(
     ----------
     folder : of the shards; also an address (``s3://bucket/lens``). Workers that do not see it send
         their shards back
-    rays, seconds, seed, append, force, raw, portion_rays, progress, cancel : as for `record`
-    shard_rays : rays per shard; by default about four shards for each worker
+    rays, seconds, seed, append, force, raw, compact, portion_rays, progress, cancel : as for
+        `record`
+    shard_rays : rays per shard (emissions, where rays split); by default about four shards for
+        each worker
 
     Raises
     ------
@@ -124,7 +129,7 @@ def record_shards(
         chosen = known_seed if seed is None else seed
         trace = _SpreadTrace(
             compilation, place, executor, first_ray=first, seed=chosen, rays=rays, seconds=seconds,
-            raw=raw, portion_rays=portion_rays, shard_rays=shard_rays,
+            raw=raw, compact=compact, portion_rays=portion_rays, shard_rays=shard_rays,
         )  # fmt: skip
         return trace.run(progress, cancel)
 
@@ -175,7 +180,8 @@ def _begin(
             difference = scene_difference(known.directory, compilation.directory)
             if difference:
                 raise SceneMismatch(f"{place} was recorded from another scene: {difference}")
-            first = max((p.last_ray + 1 for p in known.portions if p.n_rays), default=0)
+            after = max((p.last_ray + 1 for p in known.portions if p.n_rays), default=0)
+            first = -(-after // fan(compilation.arrays))
             seeds = [run["seed"] for run in known.runs if run.get("seed") is not None]
         return first, int(seeds[-1]) if seeds else DEFAULT_SEED
     if not force:
@@ -227,6 +233,7 @@ class _SpreadTrace:
         rays: int | None,
         seconds: float | None,
         raw: bool,
+        compact: bool,
         portion_rays: int | None,
         shard_rays: int | None,
     ) -> None:
@@ -246,6 +253,7 @@ class _SpreadTrace:
             seconds=seconds,
             portion_rays=portion_rays,
             raw=raw,
+            compact=compact,
             folder=place,
             probe=None,
             meshes=False,
@@ -459,6 +467,13 @@ _compilations: dict[str, Compilation] = {}
 _compiling = threading.Lock()
 
 
+def fan(scene: CompiledScene) -> int:
+    """Ray numbers that an emission takes: several where rays split."""
+    if scene.rare is None or scene.rare.settings[R_SPLITS] <= 0.0:
+        return 1
+    return int(scene.rare.settings[R_RAYS])
+
+
 def pack(compilation: Compilation) -> bytes:
     """A compilation as bytes, for workers of the same version."""
     return zstandard.compress(pickle.dumps(compilation, protocol=5), 3)
@@ -509,8 +524,9 @@ def _trace_into(task: ShardTask, path: Path) -> RecordResult:
             compilation.directory,
             meshes=compilation.meshes if task.meshes else {},
             raw=task.raw,
+            compact=task.compact,
             trusted=True,
-            first_ray=task.first_ray,
+            first_ray=task.first_ray * fan(compilation.arrays),
         ) as writer,
     ):
         # What there is to warn of stands in the result

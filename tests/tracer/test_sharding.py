@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import multiprocessing
 import os
 import signal
@@ -45,6 +46,16 @@ position = [0, 0, -12]
 looks = [0, 0, 1]
 size = [40, 40]
 cells = [8, 8]
+"""
+GLASS_AND_SPLITS = """
+[trace]
+mode = "weighted"
+split_depth = 2
+rays_per_emission = 8
+[media.glass]
+index = 1.5
+[surfaces.glass]
+kind = "dielectric"
 """
 RAYS = 6_000
 
@@ -164,6 +175,17 @@ def test_command_with_a_scheduler(alone: Path, tmp_path: Path, cluster: LocalClu
     assert answer.exit_code == 0, answer.output
     assert f'"rays": {RAYS}' in answer.stdout
     assert_same(tmp_path / "a", alone)
+    # And asked there
+    for command in (["query", "--count"], ["paths"]):
+        asked = [command[0], str(tmp_path / "a"), 'hit("ball", reflected)', *command[1:], "--json"]
+        here = json.loads(CliRunner().invoke(application(), asked).stdout)
+        spread = [*asked, "--scheduler", cluster.scheduler_address]
+        there = json.loads(CliRunner().invoke(application(), spread).stdout)
+        if command[0] == "query":
+            assert there["matched"] == here["matched"] > 0
+            assert there["flux"] == here["flux"]
+        else:
+            assert there == here
 
 
 def test_process_pool_takes_part(scene: Compilation, alone: Path, tmp_path: Path) -> None:
@@ -300,4 +322,19 @@ def test_meshes_travel(tmp_path: Path) -> None:
     assert pack(solid)
     assert trace_shard.__module__ == "tracer.sharding"
     record(solid, tmp_path / "a", rays=500, executor=Here())
+    assert_same(tmp_path / "a", tmp_path / "one.raymap")
+
+
+def test_rays_that_split_are_numbered_on(tmp_path: Path) -> None:
+    split = SCENE.replace("[surfaces.mirror]", GLASS_AND_SPLITS + "[surfaces.mirror]").replace(
+        'surface = "mirror"\n[sources', 'medium = "glass"\nsurface = "glass"\n[sources'
+    )
+    weighted = compile_scene(parse_scene(split))
+    record(weighted, tmp_path / "one.raymap", rays=900, threads=1)
+    record_shards(
+        weighted, tmp_path / "a", Here(), rays=500, seconds=None, seed=None, shard_rays=300
+    )
+    record(weighted, tmp_path / "a", rays=400, executor=Here(), append=True)
+    with raymap.open(tmp_path / "a") as shards:
+        assert shards.rays > 900
     assert_same(tmp_path / "a", tmp_path / "one.raymap")
