@@ -42,6 +42,9 @@ HIT, OWN, KEY, ORDER, NEST, MEDIUM, CODE, RNG, RAY, LAST = range(10)
 # Further rows where there are meshes: mesh and triangle met, those on which the ray stands
 MESH_BODY, MESH_TRIANGLE, OWN_BODY, OWN_TRIANGLE = range(10, 14)
 
+# Rows of bundle_i: face on which each ray stands, faces met (two rows), slot
+BUNDLE_OWN, BUNDLE_CODE, BUNDLE_SLOT = 0, 1, 3
+
 # Words of a record
 X, Y, Z, NORMAL_XY, NORMAL_Z, TRIANGLE, EVENT, R_MEDIUM, R_CODE, R_RAY, COUNT, CHAIN = range(12)
 
@@ -65,6 +68,7 @@ class Buffers(NamedTuple):
     colors (n, C) : mixed colours
     counters : see above
     bundle_f (8, BUNDLE), bundle_i (4, BUNDLE), bins : scratch of the intersection
+    stream_f (26, BUNDLE), stream_i (8, BUNDLE) : scratch of `tracer.engine.refraction`
     """
 
     live_f: F64
@@ -81,6 +85,8 @@ class Buffers(NamedTuple):
     bundle_f: F64
     bundle_i: I64
     bins: I64
+    stream_f: F64
+    stream_i: I64
 
 
 @dataclass
@@ -111,6 +117,8 @@ class Workspace:
                 bundle_f=np.empty((8, BUNDLE + _PADDING)),
                 bundle_i=np.empty((4, BUNDLE + _PADDING), np.int64),
                 bins=np.empty(len(scene.first), np.int64),
+                stream_f=np.empty((26, BUNDLE + _PADDING)),
+                stream_i=np.empty((8, BUNDLE + _PADDING), np.int64),
             ),
         )
 

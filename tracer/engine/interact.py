@@ -10,17 +10,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from raymap.events import Event
 from raymap.kernels import inline_kernel, inner_kernel, lean_kernel
 from tracer.engine.buffers import (
-    CHAIN,
     CODE,
     COLORS,
-    COUNT,
     DESCRIPTORS,
-    EVENT,
     HIT,
     IGNORED,
     KEY,
@@ -34,33 +30,26 @@ from tracer.engine.buffers import (
     MESH_TRIANGLE,
     N_RECORDS,
     NEST,
-    NORMAL_XY,
-    NORMAL_Z,
     OWN,
     OWN_BODY,
     OWN_TRIANGLE,
-    R_CODE,
-    R_MEDIUM,
-    R_RAY,
     RAY,
     RECORDS,
     RNG,
-    TRIANGLE,
     WEIGHT,
     Buffers,
     T,
-    X,
-    Y,
-    Z,
 )
 from tracer.engine.lights import emit_light
 from tracer.engine.meetings import pass_planes, pass_views, register_on_face
 from tracer.engine.nests import enter_body, leave_body, top_body
 from tracer.engine.random import stream_state
+from tracer.engine.records import write_record
+from tracer.engine.refraction import DONE
 from tracer.engine.splitting import Twins, gather_twins, release_twin, twin_code, twin_event
 from tracer.engine.volumes import fly_freely
 from tracer.engine.weighted import aim_in_volume, end_faint_ray, meet
-from tracer.geometry.kinds import F64, MESH
+from tracer.geometry.kinds import F64, I64, MESH
 from tracer.geometry.normals import face_normal
 from tracer.scene.arrays import (
     B_MEDIUM,
@@ -74,7 +63,6 @@ from tracer.scene.arrays import (
     F_OUTSIDE,
     F_SURFACE,
     F_TRIANGLE,
-    I32,
     L_MEDIUM,
     L_NEST,
     M_PARTICIPATING,
@@ -204,6 +192,11 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
     r = counters[RECORDS]
     for slot in range(counters[LIVE]):
         i = np.uint32(slot)
+        if live_i[HIT, i] == DONE:
+            if kept != slot:
+                _pack(live_f, live_i, i, np.uint32(kept))
+            kept += 1
+            continue
         x, y, z = live_f[0, i], live_f[1, i], live_f[2, i]
         dx, dy, dz = live_f[3, i], live_f[4, i], live_f[5, i]
         t, face = live_f[T, i], live_i[HIT, i]
@@ -302,10 +295,10 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
                     body = top_body(beyond)
                     other = body_i[np.uint32(body), B_MEDIUM] if body >= 0 else world
                     happened, crosses, dx, dy, dz, code, state, weight = meet(
-                        rare, twins, ray, ray_i[N_RECORDS, np.uint32(ray)] >= depth, x, y, z, weight,
-                        surface_i, surface_f, medium_i, medium_f, tables,
-                        np.uint32(face_i[met, F_SURFACE]), np.uint32(medium), np.uint32(other), dx, dy, dz, sx, sy, sz, shading, code, colors, counters,
-                        state, follow,
+                        rare, twins, ray, ray_i[N_RECORDS, np.uint32(ray)] >= depth, x, y, z,
+                        weight, surface_i, surface_f, medium_i, medium_f, tables,
+                        np.uint32(face_i[met, F_SURFACE]), np.uint32(medium), np.uint32(other),
+                        dx, dy, dz, sx, sy, sz, shading, code, colors, counters, state, follow,
                     )  # fmt: skip
                     event |= happened
                     if own_body >= 0:
@@ -374,27 +367,14 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
     counters[RECORDS] = r
 
 
-@inline_kernel
-def write_record(
-    words: I32, real: NDArray[np.float32], r: int, x: float, y: float, z: float, nx: float,
-    ny: float, nz: float, obj: int, triangle: int, event: int, medium: int, code: int,
-    ray: int,
-) -> None:  # fmt: skip
-    """Write record ``r``."""
-    row = np.uint32(r)
-    real[row, X], real[row, Y], real[row, Z] = x, y, z
-    p = np.int64(math.floor(nx * 32767.0 + 0.5))
-    q = np.int64(math.floor(ny * 32767.0 + 0.5))
-    s = np.int64(math.floor(nz * 32767.0 + 0.5))
-    words[row, NORMAL_XY] = (p & 0xFFFF) | (q << 16)
-    words[row, NORMAL_Z] = (s & 0xFFFF) | (obj << 16)
-    words[row, TRIANGLE] = triangle
-    words[row, EVENT] = event
-    words[row, R_MEDIUM] = medium
-    words[row, R_CODE] = code
-    words[row, R_RAY] = ray
-    words[row, COUNT] = 0
-    words[row, CHAIN] = -1
+@inner_kernel
+def _pack(live_f: F64, live_i: I64, i: np.uint32, k: np.uint32) -> None:
+    """Move a ray to a slot before its own."""
+    for row in range(6):
+        live_f[row, k] = live_f[row, i]
+    live_f[WEIGHT, k] = live_f[WEIGHT, i]
+    for row in (OWN, KEY, NEST, MEDIUM, CODE, RNG, RAY, LAST):
+        live_i[row, k] = live_i[row, i]
 
 
 @inline_kernel

@@ -13,8 +13,9 @@ import math
 import numpy as np
 
 from raymap.kernels import inner_kernel
-from tracer.engine.buffers import BUNDLE, HIT, KEY, ORDER, T
+from tracer.engine.buffers import BUNDLE, HIT, KEY, ORDER, Buffers, T
 from tracer.engine.buffers import OWN as LIVE_OWN
+from tracer.engine.refraction import follow_settled
 from tracer.geometry.kinds import F64, I64, Integer
 from tracer.geometry.nearest import DISTANCE, OWN, nearest_on_face
 from tracer.scene.arrays import F_KIND, I32, CompiledScene
@@ -34,17 +35,19 @@ def sort_by_departure(live_i: I64, n: int, bins: I64) -> None:
     for k in range(1, len(bins)):
         bins[k] += bins[k - 1]
     for i in range(n):
-        k = np.uint32(live_i[KEY, i])
-        place = bins[k]
+        key = np.uint32(live_i[KEY, i])
+        place = bins[key]
         live_i[ORDER, np.uint32(place)] = i
-        bins[k] = place + 1
+        bins[key] = place + 1
 
 
 @inner_kernel
-def nearest_hits(
-    scene: CompiledScene, live_f: F64, live_i: I64, n: int, bundle_f: F64, bundle_i: I64, bins: I64
-) -> None:
-    """Set distance and face met next of ``n`` rays (inf and -1 where nothing is met)."""
+def nearest_hits(scene: CompiledScene, b: Buffers, n: int, refract: bool) -> None:
+    """Set distance and face met next of ``n`` rays (inf and -1 where nothing is met).
+
+    With ``refract`` rays that meet a plain lens face are dealt with at once.
+    """
+    live_f, live_i, bundle_f, bundle_i, bins = b.live_f, b.live_i, b.bundle_f, b.bundle_i, b.bins
     face_i, face_f, pool = scene.face_i, scene.face_f, scene.pool
     first, face, distance = scene.first, scene.face, scene.distance
     settle, settles, n_faces = scene.settle, scene.settles, len(scene.face_i)
@@ -72,10 +75,13 @@ def nearest_hits(
                 nearest_on_face(face_i[f, F_KIND], face_f, f, pool, bundle_f, bundle_i, row, m)
                 row = 1 - row
                 if settles[c] != 0:
-                    m = _keep_unsettled(
-                        live_f, live_i, bundle_f, bundle_i, row, settle, key, c - first[key],
-                        n_faces, m,
-                    )  # fmt: skip
+                    if refract and scene.plain[f] != 0:
+                        m = follow_settled(scene, b, row, key, c - first[key], f, m)
+                    else:
+                        m = _keep_unsettled(
+                            live_f, live_i, bundle_f, bundle_i, row, settle, key, c - first[key],
+                            n_faces, m,
+                        )  # fmt: skip
                     if m == 0:
                         break
             for j in range(m):

@@ -43,9 +43,7 @@ def run_mesh_steps(
         n = counters[LIVE]
         if not has_room(twins, b, n, meetings):
             return False
-        nearest_hits(
-            scene, b.live_f, b.live_i, n, b.bundle_f, b.bundle_i, b.bins
-        )  # fmt: skip
+        nearest_hits(scene, b, n, False)
         for i in range(n):
             b.live_i[MESH_BODY, i] = -1
         nearest_on_meshes(

@@ -49,9 +49,7 @@ def run_steps(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int
         n = counters[LIVE]
         if not has_room(twins, b, n, meetings):
             return False
-        nearest_hits(
-            scene, b.live_f, b.live_i, n, b.bundle_f, b.bundle_i, b.bins
-        )  # fmt: skip
+        nearest_hits(scene, b, n, follow == 0)
         interact(scene, b, twins, follow)
     return True
 

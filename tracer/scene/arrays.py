@@ -118,6 +118,8 @@ class CompiledScene(NamedTuple):
     surface_i, surface_f, medium_i, medium_f, body_i, source_i, source_f, detector_i, detector_f
     pattern : deals ray numbers to sources
     first, face, distance, settle, settles : candidate lists (`tracer.scene.candidates`)
+    plain, target : faces at which streams of rays are refracted, and the place of the face for
+        which those of a departure are bound, -1 none (`tracer.engine.refraction`)
     tables : flat pool of all sampled functions; None where no medium absorbs or scatters and all
         surfaces absorb, are bare or of constant reflectance, or Lambertian
 
@@ -147,6 +149,8 @@ class CompiledScene(NamedTuple):
     distance: F64
     settle: I32
     settles: NDArray[np.uint8]
+    plain: NDArray[np.uint8]
+    target: I32
     tables: F64 | None
     sphere: F64
     limits: I64

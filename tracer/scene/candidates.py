@@ -39,6 +39,7 @@ class Candidates(NamedTuple):
     settle (n, 2 x faces) : place in the list after which a hit on a face is settled; in the second
         half hits on spheres that rays leave. (0, 0) in scenes of many faces
     settles : whether any hit becomes settled at an entry
+    likely (n,) : place in the list of the face that most rays are likely to meet, -1 unknown
     """
 
     first: NDArray[np.int64]
@@ -46,6 +47,15 @@ class Candidates(NamedTuple):
     distance: Array
     settle: NDArray[np.int32]
     settles: NDArray[np.uint8]
+    likely: NDArray[np.int32]
+
+    def bound_for(self, wanted: NDArray[np.uint8]) -> NDArray[np.int32]:
+        """``likely`` where the face is a wanted one, else -1."""
+        known = np.flatnonzero(self.likely >= 0)
+        known = known[wanted[self.face[self.first[known] + self.likely[known]]] != 0]
+        found = np.full(len(self.likely), -1, np.int32)
+        found[known] = self.likely[known]
+        return found
 
 
 def find_candidates(
@@ -72,6 +82,7 @@ def find_candidates(
         precedence = Precedence(shapes, [(start, stop) for start, stop, _ in sources])
     lists = []
     rows = []
+    likely = []
 
     def add(start_low: Array, start_high: Array, signs: Array, start: int = -1) -> None:
         ahead = np.ones(n, bool)
@@ -91,10 +102,11 @@ def find_candidates(
             away = np.zeros((n, 3))
             if start >= 0:
                 away = 0.5 * (low + high - start_low - start_high)
-            order, row = _in_likely_order(
+            order, row, place = _in_likely_order(
                 order, distance, _apparent_size(high - low, away), precedence, start
             )
             rows.append(row)
+            likely.append(place)
         lists.append((order, np.minimum.accumulate(distance[order][::-1])[::-1]))
 
     for face in range(n):
@@ -119,6 +131,7 @@ def find_candidates(
         distance=np.concatenate([distance for _, distance in lists]),
         settle=np.array(rows, np.int32).reshape(len(rows), 2 * n if rows else 0),
         settles=settles,
+        likely=np.array(likely or [-1] * len(lists), np.int32),
     )
 
 
@@ -135,13 +148,15 @@ def _apparent_size(extent: Array, away: Array) -> Array:
 
 def _in_likely_order(
     order: NDArray[np.intp], distance: Array, size: Array, precedence: Precedence, start: int
-) -> tuple[NDArray[np.intp], NDArray[np.int32]]:
-    """Faces in an order that settles rays soon, and the place where each one's hits are settled."""
+) -> tuple[NDArray[np.intp], NDArray[np.int32], int]:
+    """Faces in an order that settles rays soon, the place where each one's hits are settled, and
+    the place of the face that is the best guess.
+    """
     n = precedence.n
     row = np.full(2 * n, _NEVER, np.int32)
     if start < 0:
         # Nothing is known of rays that start anywhere
-        return order, row
+        return order, row, -1
     entered = ~precedence.excluded(start, sphere_entered=True)
     left = ~precedence.excluded(start, sphere_entered=False)
     candidates = np.zeros(n, bool)
@@ -151,6 +166,7 @@ def _in_likely_order(
     # Take next what settles the most for the fewest tests, what comes before it first
     waiting = candidates.copy()
     placed: list[int] = []
+    guess = -1
     while waiting.any():
         tests = 1 + (entered & waiting[None, :]).sum(axis=1)
         gain = np.where(waiting, (size + 1e-9) / tests, -1.0)
@@ -159,13 +175,15 @@ def _in_likely_order(
         for face in (*before[np.argsort(distance[before], kind="stable")], best):
             placed.append(int(face))
             waiting[face] = False
+        if guess < 0:
+            guess = len(placed) - 1
     place = np.full(n, -1, np.int32)
     place[placed] = np.arange(len(placed))
     for half, rest in enumerate((entered, left)):
         last = np.where(rest, place[None, :], -1).max(axis=1)
         settled = np.maximum(last, place)
         row[half * n : half * n + n] = np.where(candidates, settled, _NEVER)
-    return np.array(placed, np.intp), row
+    return np.array(placed, np.intp), row, guess
 
 
 def main_axis(shape: Shape) -> int:

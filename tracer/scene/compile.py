@@ -24,7 +24,10 @@ from tracer.geometry.kinds import ANNULUS, CYLINDER, MESH, RECTANGLE, SPHERE
 from tracer.scene.arrays import (
     ABSORBER,
     DIELECTRIC,
+    F_DETECTOR,
+    F_INSIDE,
     F_KIND,
+    F_SURFACE,
     LAMBERTIAN,
     M_PARTICIPATING,
     S_KIND,
@@ -115,6 +118,9 @@ class _Compiler:
         surface_i, surface_f, tables = surface_table.compile(faces.surface_models())
         candidates = find_candidates([p.shape for p in faces.primitives], sources.boxes)
         rare = self._rare_light()
+        plain = _plain_faces(face_i, surface_i, self.media.integers)
+        if rare is not None or detectors.virtual or detectors.views is not None:
+            plain[:] = 0
         arrays = CompiledScene(
             face_i=face_i,
             face_f=face_f,
@@ -140,6 +146,8 @@ class _Compiler:
             distance=candidates.distance,
             settle=candidates.settle,
             settles=candidates.settles,
+            plain=plain,
+            target=candidates.bound_for(plain),
             tables=tables if _needs_tables(surface_i, self.media.integers) else None,
             sphere=np.array([*center, radius]),
             limits=np.array([scene.limits.depth, world, detectors.virtual], np.int64),
@@ -226,6 +234,16 @@ def _needs_tables(surface_i: Integers, medium_i: Integers) -> bool:
     plain = np.isin(surface_i[:, S_KIND], (ABSORBER, DIELECTRIC, LAMBERTIAN))
     plain &= (surface_i[:, S_TABLE] < 0) & (surface_i[:, S_MODEL] != 2)
     return not bool(np.all(plain)) or bool(np.any(medium_i[:, M_PARTICIPATING]))
+
+
+def _plain_faces(face_i: Integers, surface_i: Integers, medium_i: Integers) -> Any:
+    """Faces with nothing but bare or even reflection, in a scene of clear media."""
+    plain = np.isin(face_i[:, F_KIND], (ANNULUS, RECTANGLE, SPHERE)) & (face_i[:, F_DETECTOR] < 0)
+    surface = surface_i[face_i[:, F_SURFACE]]
+    plain &= (surface[:, S_KIND] == DIELECTRIC) & (surface[:, S_TABLE] < 0)
+    plain &= np.isin(surface[:, S_MODEL], (0, 1)) & (face_i[:, F_INSIDE] >= 0)
+    plain &= not bool(np.any(medium_i[:, M_PARTICIPATING]))
+    return plain.astype(np.uint8)
 
 
 def _rows(array: Array) -> Any:

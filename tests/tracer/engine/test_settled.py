@@ -1,4 +1,4 @@
-"""Hits that are settled early are the nearest ones: the same rays with and without."""
+"""Short cuts of the engine change nothing: the same rays with and without, bit by bit."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from raymap.portion import Portion
 from tracer.engine.wavefront import Wavefront
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import load_scene, parse_scene
@@ -28,7 +29,7 @@ def crowd(seed: int) -> str:
     for k in range(14):
         kind = ("sphere", "box", "cylinder", "ring", "lens")[k % 5]
         axis = np.eye(3)[rng.integers(0, 3)] if rng.random() < 0.7 else rng.normal(size=3)
-        place = np.round(rng.uniform(-20, 20, 3) * (rng.random(3) < 0.7), 3) + (0, 0, 3)
+        place = np.round(rng.uniform(-20, 20, 3) * (rng.random(3) < 0.7), 3) + np.array([0, 0, 3])
         lines.append(f"[bodies.b{k}]\nkind = '{kind}'\nposition = {place.tolist()}")
         if kind != "sphere":
             lines.append(f"axis = {np.round(axis, 3).tolist()}")
@@ -60,5 +61,27 @@ def test_settled_hits_are_the_nearest(name: str) -> None:
     unsettled = arrays._replace(settles=np.zeros_like(arrays.settles))
     found = Wavefront(arrays, 7).trace(0, 20_000)
     expected = Wavefront(unsettled, 7).trace(0, 20_000)
-    for column in ("records_per_ray", "object", "triangle", "event", "position"):
+    _assert_same(found, expected)
+
+
+@pytest.mark.parametrize("variant", ["", "coated", "spectral", "flood"])
+def test_streams_of_rays_are_refracted_as_single_ones(variant: str) -> None:
+    scene = load_scene(SAMPLE, variants=(variant,) if variant else ())
+    arrays = compile_scene(scene).arrays
+    assert arrays.plain.sum() == 10
+    one_by_one = arrays._replace(plain=np.zeros_like(arrays.plain))
+    expected = Wavefront(one_by_one, 3).trace(0, 30_000)
+    _assert_same(Wavefront(arrays, 3).trace(0, 30_000), expected)
+    # A stream ends where the most points of a ray are reached
+    few = {"limits": arrays.limits.copy()}
+    few["limits"][0] = 6
+    expected = Wavefront(one_by_one._replace(**few), 3).trace(0, 5_000)
+    _assert_same(Wavefront(arrays._replace(**few), 3).trace(0, 5_000), expected)
+
+
+def _assert_same(found: Portion, expected: Portion) -> None:
+    for column in (
+        "records_per_ray", "object", "triangle", "event", "position", "normal", "medium",
+        "color_code", "color_table",
+    ):  # fmt: skip
         np.testing.assert_array_equal(getattr(found, column), getattr(expected, column))
