@@ -43,6 +43,7 @@ from tracer.scene.arrays import F_KIND, F_OBJECT, F_TRIANGLE
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.load import load_scene
 from tracer.scene.model import Scene
+from tracer.scene.supported import refuse_pinholes
 from tracer.tally import Tally
 
 __all__ = ["Polarization", "PolarizedWavefront", "record_polarized"]
@@ -223,6 +224,7 @@ def record_polarized(
     compilation = _compiled(scene)
     if rays < 1:
         raise SceneError(f"rays must be at least 1, not {rays}")
+    refuse_pinholes(compilation, "the polarised one")
     options = polarization or Polarization()
     engine = PolarizedWavefront(compilation, seed, options)
     tally = Tally(compilation.directory, compilation.channel_set)

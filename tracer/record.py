@@ -26,6 +26,7 @@ from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.load import load_scene
 from tracer.scene.model import Scene
 from tracer.scene.source_check import check_sources
+from tracer.scene.supported import refuse_pinholes
 from tracer.tally import Tally
 
 if TYPE_CHECKING:
@@ -448,14 +449,10 @@ class _Run:
 
 def _pinholes(compilation: Compilation | CrystalCompilation) -> Pinholes | None:
     """What sums up the pictures of pinholes; None where there are none."""
-    names = [item.name for item in compilation.directory.detectors if is_pinhole(item)]
-    if not names or not isinstance(compilation, Compilation):
+    if not any(is_pinhole(item) for item in compilation.directory.detectors):
         return None
     if compilation.arrays.rare is not None:
-        raise SceneError(
-            f"{compilation.scene.origin}: detectors.{names[0]}: a pinhole needs the analog mode, "
-            "where all rays weigh the same; drop trace.mode, or take a camera"
-        )
+        refuse_pinholes(compilation, "the weighted one")
     from tracer.engine.pinhole import Pinholes
 
     return Pinholes(compilation)

@@ -33,6 +33,7 @@ from tracer.scene.arrays import L_MEDIUM, SOURCE_ROW
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.load import load_scene
 from tracer.scene.model import Scene
+from tracer.scene.supported import require_plain_scene
 from tracer.sources import emit_ray, emitted_counts
 from tracer.tally import Tally
 
@@ -239,6 +240,7 @@ def record_lens_trees(
     if compilation is None:
         assert not isinstance(scene, Compilation)
         compilation = compile_scene(scene if isinstance(scene, Scene) else load_scene(scene))
+    require_plain_scene(compilation, "the tracer of whole lenses")
     tracer = LensTracer(compilation, seed, depth=depth, min_flux=min_flux)
     tally = Tally(compilation.directory, compilation.channel_set)
     with RayMapWriter.create(

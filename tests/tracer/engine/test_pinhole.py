@@ -284,14 +284,19 @@ share = 3
     assert left / right == pytest.approx(9.0, rel=4.5 * float(spread))
 
 
-def test_the_weighted_mode_is_refused(tmp_path: Path) -> None:
-    scene = parse_scene(
-        UNITS
-        + ROOM.format(satin=SATIN["lambertian"])
-        + '[trace]\nmode = "weighted"\nmin_reflection = 0.1\n'
-    )
+def test_other_engines_refuse_what_they_do_not_know(tmp_path: Path) -> None:
+    from tracer.lens.record import record_lens_trees
+    from tracer.polarized_record import record_polarized
+
+    weighted = '[trace]\nmode = "weighted"\nmin_reflection = 0.1\n'
+    room = UNITS + ROOM.format(satin=SATIN["lambertian"])
     with pytest.raises(SceneError, match=r"detectors\.eye: a pinhole needs the analog mode"):
-        record(scene, tmp_path / "a.raymap", rays=100)
+        record(parse_scene(room + weighted), tmp_path / "a.raymap", rays=100)
+    with pytest.raises(SceneError, match=r"detectors\.eye: a pinhole .* not the polarised one"):
+        record_polarized(parse_scene(room), tmp_path / "a.raymap", rays=100)
+    with pytest.raises(SceneError, match=r"detectors\.eye: the tracer of whole lenses"):
+        record_lens_trees(parse_scene(room), tmp_path / "a.raymap", emissions=100)
+    assert not (tmp_path / "a.raymap").exists()
 
 
 def test_repair_keeps_a_picture_that_is_whole(tmp_path: Path) -> None:
