@@ -159,10 +159,16 @@ class Service:
         return str(json.loads(answer.to_pybytes())["file"]) if answer is not None else name
 
     def scene(
-        self, scene: str | None = None, *, text: str | None = None, variants: Sequence[str] = ()
+        self,
+        scene: str | None = None,
+        *,
+        text: str | None = None,
+        variants: Sequence[str] = (),
+        simulation: str | None = None,
     ) -> SimpleNamespace:
         """Read and check a scene: its sources, objects, faces, media, detectors, units."""
-        asked = {"scene": scene, "text": text, "variants": list(variants)}
+        asked = {"scene": scene, "text": text, "variants": list(variants),
+                 "simulation": simulation}  # fmt: skip
         return SimpleNamespace(**self.ask("scene", asked))
 
     def record(
@@ -172,6 +178,7 @@ class Service:
         *,
         text: str | None = None,
         variants: Sequence[str] = (),
+        simulation: str | None = None,
         rays: int | None = None,
         seconds: float | None = None,
         seed: int | None = None,
@@ -184,6 +191,7 @@ class Service:
         Parameters
         ----------
         scene : file of the served folder; None with ``text``, the scene itself
+        variants, simulation : of the scene file, as for `tracer.load_scene`
         map : to be written there
         progress : called with ``rays``, ``records``, ``seconds``, ``bytes``, ``total_rays``; an
             exception that it raises ends the trace with a valid map
@@ -193,8 +201,9 @@ class Service:
         result : as `tracer.RecordResult`
         """
         asked = {
-            "scene": scene, "text": text, "variants": list(variants), "map": map, "rays": rays,
-            "seconds": seconds, "seed": seed, "append": append, "force": force,
+            "scene": scene, "text": text, "variants": list(variants), "simulation": simulation,
+            "map": map, "rays": rays, "seconds": seconds, "seed": seed, "append": append,
+            "force": force,
         }  # fmt: skip
         for event in self._events("record", asked):
             if "done" in event:

@@ -22,7 +22,10 @@ class SceneRequest:
         self.folder, self.limits = folder, request.limits
         self.name = request.text("scene", None)
         self.text = request.text("text", None)
-        self.variants = request.texts("variants")
+        self.options: dict[str, Any] = {
+            "variants": request.texts("variants"),
+            "simulation": request.text("simulation", None),
+        }
         if (self.name is None) == (self.text is None):
             raise BadRequest(
                 f"{request.what}: give either 'scene' (a file of the served folder) or 'text'"
@@ -35,31 +38,38 @@ class SceneRequest:
         ------
         OutsideFolder, SceneError
         """
+        from tracer.importers.expand import SCENE_SUFFIXES
         from tracer.scene.compile import compile_scene
-        from tracer.scene.load import load_scene, parse_scene
+        from tracer.scene.load import OTHER_FILES, load_scene, parse_scene
 
         if self.name is None:
             self.folder.check_scene(self.text, self.folder.root, "scene")
-            scene = parse_scene(self.text, variants=self.variants, folder=self.folder.root)
+            scene = parse_scene(self.text, folder=self.folder.root, **self.options)
             return compile_scene(scene)
         path = self.folder.path(self.name)
-        if path.suffix != ".toml":
-            return compile_scene(load_scene(path, variants=self.variants))
+        self._check_size(path)
+        if path.suffix.lower() in (*SCENE_SUFFIXES, *OTHER_FILES):
+            return compile_scene(load_scene(path, **self.options))
+        # Whatever else it is called, it is read as TOML, and what it names is looked at before
         text = self._read(path)
         self.folder.check_scene(text, path.parent, self.name)
-        scene = parse_scene(text, variants=self.variants, origin=path.name, folder=path.parent)
+        scene = parse_scene(text, origin=path.name, folder=path.parent, **self.options)
         return compile_scene(scene)
+
+    def _check_size(self, path: Path) -> None:
+        try:
+            size = path.stat().st_size
+        except OSError:
+            raise SceneError(f"there is no scene file {self.name!r}") from None
+        if size > self.limits.scene_bytes:
+            raise SceneError(
+                f"{self.name} has more than the {self.limits.scene_bytes} bytes that a scene may "
+                "have here"
+            )
 
     def _read(self, path: Path) -> str:
         try:
-            if path.stat().st_size > self.limits.scene_bytes:
-                raise SceneError(
-                    f"{self.name} has more than the {self.limits.scene_bytes} bytes that a scene "
-                    "may have here"
-                )
             return path.read_text(encoding="utf-8")
-        except FileNotFoundError:
-            raise SceneError(f"there is no scene file {self.name!r}") from None
         except (OSError, UnicodeDecodeError) as error:
             raise SceneError(f"{self.name} cannot be read as a scene: {error}") from None
 

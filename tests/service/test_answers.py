@@ -105,6 +105,8 @@ def test_scene_and_recording(client: Service, folder: Path) -> None:
     scene = client.scene("scene.toml")
     assert (scene.sources, scene.objects, scene.detectors) == (["lamp"], ["ball"], ["screen"])
     assert scene.faces == ["ball.surface"]
+    chosen = (folder / "scene.toml").read_text() + '[simulations.dark]\nleave_out = ["screen"]\n'
+    assert client.scene(text=chosen, simulation="dark").detectors == []
     seen = []
     result = client.record(
         "scene.toml", "made.raymap", rays=3_000, seed=4, progress=lambda p: seen.append(p.rays)

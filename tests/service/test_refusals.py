@@ -159,6 +159,11 @@ def test_scenes_that_reach_out(client: Service, folder: Path) -> None:
                 client.ask("scene", asked)
         with pytest.raises(RayMapError, match="outside the served folder"):
             client.record(None, "x.raymap", text=mesh, rays=10)
+        # Not by another name either
+        for name in ("own.TOML", "own.txt", "own"):
+            (folder / name).write_text(mesh)
+            with pytest.raises(RayMapError, match="outside the served folder"):
+                client.scene(name)
     assert not (folder / "x.raymap").exists()
     # Titles are no paths
     assert client.scene(text='title = "/etc/passwd"\n' + text).objects == ["ball"]
