@@ -198,6 +198,8 @@ class RayList:
     directions : (n, 3); normalised here
     flux : (n,) per ray [lumen, watt, or relative]
     wavelength_nm : (n,) vacuum wavelengths, or None where the file has none
+    rgb : (n, 3) linear sRGB that each ray looks like, of any scale, or None; negative parts count
+        as 0
     unit : "lm", "W", or None for relative fluxes
     total : flux of the whole list; None: the sum of ``flux``
     length_unit : of the positions ("mm", "m", …), None for the unit of the scene
@@ -208,6 +210,7 @@ class RayList:
     directions: NDArray[np.float32]
     flux: Array
     wavelength_nm: Array | None = None
+    rgb: Array | None = None
     unit: FluxUnit | None = None
     total: float | None = None
     length_unit: str | None = "mm"
@@ -242,6 +245,11 @@ class RayList:
             if nm.shape != (n,) or not np.all(nm > 0.0):
                 raise SceneError(f"{self.name}: wavelengths must be n positive numbers [nm]")
             object.__setattr__(self, "wavelength_nm", nm)
+        if self.rgb is not None:
+            rgb = np.maximum(np.asarray(self.rgb, np.float64), 0.0)
+            if rgb.shape != (n, 3) or not np.isfinite(rgb).all():
+                raise SceneError(f"{self.name}: rgb must be three finite numbers per ray")
+            object.__setattr__(self, "rgb", rgb)
 
     @property
     def n_rays(self) -> int:
@@ -250,8 +258,9 @@ class RayList:
     def digest(self) -> str:
         """Fingerprint of the values, for the hash of a scene."""
         nm = np.zeros(0) if self.wavelength_nm is None else self.wavelength_nm
+        rgb = np.zeros(0) if self.rgb is None else self.rgb
         rest = repr((self.unit, self.total, self.length_unit))
-        return _digest(self.positions, self.directions, self.flux, nm, rest)
+        return _digest(self.positions, self.directions, self.flux, nm, rgb, rest)
 
 
 Reader = Callable[[Path], IntensityGrid | RayList]

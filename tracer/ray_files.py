@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap import rayfiles
+from raymap.colorimetry import xyz_to_linear_srgb
 from raymap.errors import SceneError
 from raymap.rayfiles import RayFileError, RaySet
 from tracer.light import RayList
@@ -18,7 +19,8 @@ __all__ = ["read"]
 def read(path: Path) -> RayList:
     """The rays of a TM-25 or Zemax file.
 
-    Rays that share a spectrum get one wavelength each, spread evenly over the spectrum's power, in
+    Rays with tristimulus values keep the colour that these look like. Rays that share a spectrum
+    get one wavelength each, spread evenly over the spectrum's power, in
     an order that is the same whenever the file is read.
 
     Raises
@@ -35,6 +37,7 @@ def read(path: Path) -> RayList:
         directions=rays.direction,
         flux=rays.flux.astype(np.float64),
         wavelength_nm=_wavelengths(rays),
+        rgb=None if rays.tristimulus is None else xyz_to_linear_srgb(rays.tristimulus),
         unit=rays.flux_unit,
         length_unit=rays.length_unit,
         name=path.name,

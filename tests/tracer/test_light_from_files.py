@@ -184,3 +184,35 @@ def test_refusals_name_scene_and_file(tmp_path: Path) -> None:
             tracer.record(tracer.load_scene(scene), tmp_path / "x.raymap", rays=10)
         assert "sources.a" in str(error.value)
         assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("spectral", [False, True])
+def test_colors_are_handed_on(tmp_path: Path, spectral: bool) -> None:
+    color = "spectrum = { rgb = [1.0, 0.5, 0.1] }\n"
+    upstream = UPSTREAM.format(unit="lm").replace("flux = 3", "flux = 3\n" + color)
+    first = trace(tmp_path, "first", upstream, 20_000)
+    with raymap.open(first) as ray_map:
+        write_ray_file(query.select(ray_map), tmp_path / "light.tm25ray", "plane")
+        before = query.detector_image(ray_map, "plane").channels.sum(axis=(0, 1))
+    text = HANDED_ON.format(length="mm", unit="lm", file="light.tm25ray") + DOWNSTREAM
+    if spectral:
+        text = text.replace("[sources", SPECTRAL + "\n[sources", 1)
+    second = trace(tmp_path, "second", text, 20_000)
+    with raymap.open(second) as ray_map:
+        image = query.detector_image(ray_map, "screen")
+        channels = image.channels.sum(axis=(0, 1))
+        if not spectral:
+            np.testing.assert_allclose(
+                channels / channels.sum(), before / before.sum(), atol=1 / 64
+            )
+            return
+        # Narrow bands that look like it: more red than blue
+        nm = np.linspace(430, 650, 23)
+        assert channels[nm > 580].sum() > 3 * channels[nm < 500].sum() > 0
+
+
+SPECTRAL = """
+[spectrum]
+kind = "spectral"
+wavelengths_nm = { first = 430, last = 650, count = 23 }
+"""

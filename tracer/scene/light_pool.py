@@ -131,6 +131,18 @@ class LightPool:
         spectra = [rgb_spectrum(row) for row in np.eye(3)]
         return np.array([item.power * item.channel_shares(self.wavelengths) for item in spectra])
 
+    def colors(self, rgb: Array) -> tuple[Integers, Array]:
+        """Colours of rays that look like linear sRGB (n, 3): codes, and rows of a palette.
+
+        Shares of R, G and B are rounded to 1/64, so that the palette stays small.
+        """
+        total = rgb.sum(axis=1, keepdims=True)
+        shares = np.where(total > 0.0, rgb / np.where(total > 0.0, total, 1.0), 1.0 / 3.0)
+        steps, inverse = np.unique(np.round(64.0 * shares), axis=0, return_inverse=True)
+        channels = steps @ self._basis()
+        palette = channels / channels.sum(axis=1, keepdims=True)
+        return (-2 - inverse.reshape(-1)).astype(np.int64), palette
+
     def add_list(self, light: PooledList, turns: Integers, pattern: int) -> int:
         """Place of a list of rays, whose source has its ``turns`` in the ``pattern``."""
         n = len(light.flux)

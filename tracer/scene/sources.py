@@ -188,7 +188,7 @@ class SourceTable:
             area = FROM_PICTURE
         if isinstance(light, RayList):
             row[18:21] = 0.0
-            listed = self._list(name, model, light)
+            listed = self._list(name, model, light, pool)
             row[21] = pool.add_list(listed, np.flatnonzero(pattern == k), len(pattern))
             return FROM_LIST, UNIFORM_CONE
         if isinstance(light, IntensityGrid):
@@ -311,11 +311,13 @@ class SourceTable:
         _, inside = _channels(light.wavelength_nm, self.wavelengths)
         return float(light.flux[inside].sum() / light.flux.sum())
 
-    def _list(self, name: str, model: SourceModel, light: RayList) -> PooledList:
+    def _list(self, name: str, model: SourceModel, light: RayList, pool: LightPool) -> PooledList:
         """The rays of a list with their colours in the channels of the trace."""
         flux, color = light.flux, np.full(light.n_rays, -1, np.int64)
         palette = np.zeros((0, len(self.wavelengths)))
-        if light.wavelength_nm is not None and model.spectrum == "white":
+        if light.rgb is not None and model.spectrum == "white":
+            color, palette = pool.colors(light.rgb)
+        elif light.wavelength_nm is not None and model.spectrum == "white":
             if self.rgb:
                 color, palette = _palette(light.wavelength_nm)
             else:
