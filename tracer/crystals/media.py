@@ -151,6 +151,18 @@ class Crystal:
         eps: Matrix = (axes * (2.0 * n * kappa)) @ axes.T
         return 0.5 * (eps + eps.T)
 
+    def complex_tensor(self, wavelength_nm: float) -> NDArray[np.complex128]:
+        """(3, 3) dielectric tensor with absorption, in the world.
+
+        (n + i kappa)² along common axes of both; where the axes differ the parts are
+        eps' - kappa² and eps'', each in its own axes.
+        """
+        given = self.absorption_orientation
+        axes = np.asarray(self.orientation if given is None else given, np.float64)
+        squares = axes @ np.diag(self.principal_kappa(wavelength_nm) ** 2) @ axes.T
+        real = self.tensor(wavelength_nm) - squares
+        return np.asarray(real + 1j * self.absorption_tensor(wavelength_nm))
+
     def optic_axis(self, wavelength_nm: float) -> Matrix | None:
         """Unit optic axis of a uniaxial crystal, else None."""
         row = self.row(wavelength_nm)

@@ -22,7 +22,7 @@ from tracer.crystals.interface import interface_frame, interface_scratch, medium
 from tracer.crystals.media import Crystal
 from tracer.crystals.modes import MODE
 
-__all__ = ["plate_jones", "plate_retardation", "plate_waves"]
+__all__ = ["jones_bases", "outside_fields", "plate_jones", "plate_retardation", "plate_waves"]
 
 Complex = NDArray[Any]
 Array = np.ndarray[Any, np.dtype[Any]]
@@ -72,7 +72,7 @@ def plate_retardation(
     return result
 
 
-def _outside(n: float, xi: NDArray[np.float64], sign: float) -> Complex:
+def outside_fields(n: float, xi: NDArray[np.float64], sign: float) -> Complex:
     """(..., 4, 2) tangential fields of unit waves polarised along theta and phi."""
     cosine = np.sqrt(1.0 - (xi / n) ** 2 + 0j)
     fields = np.zeros((*xi.shape, 4, 2), np.complex128)
@@ -86,6 +86,13 @@ def _outside(n: float, xi: NDArray[np.float64], sign: float) -> Complex:
 def _solve(left: Complex, right: Complex) -> Complex:
     result: Complex = np.linalg.solve(left, right)
     return result
+
+
+def jones_bases(transmission: Complex, reflection: Complex) -> tuple[Complex, Complex]:
+    """Amplitudes along theta and phi as amplitudes along s and p."""
+    order = np.array([[0.0, 1.0], [-1.0, 0.0]])
+    mirrored = np.array([[0.0, 1.0], [1.0, 0.0]])
+    return order @ transmission @ order.T, mirrored @ reflection @ order.T
 
 
 def plate_jones(
@@ -104,7 +111,7 @@ def plate_jones(
 
     Parameters
     ----------
-    medium : of the plate, lossless (its absorption is not used here)
+    medium : of the plate, taken as lossless (`tracer.crystals.absorbing` is exact)
     s_x, s_y : (...) tangential refraction vector, n_before times the direction's sines
     thickness_mm : of the plate
     n_before, n_after : indices of the isotropic media on both sides
@@ -133,9 +140,9 @@ def plate_jones(
     k0d = 2.0 * np.pi * thickness_mm * 1e6 / wavelength_nm
     down = np.exp(1j * k0d * waves[..., :2, 5])[..., :, None]
     up = np.exp(-1j * k0d * waves[..., 2:, 5])[..., :, None]
-    incident = _outside(n_before, xi, 1.0)
-    reflected = _outside(n_before, xi, -1.0)
-    transmitted = _outside(n_after, xi, 1.0)
+    incident = outside_fields(n_before, xi, 1.0)
+    reflected = outside_fields(n_before, xi, -1.0)
+    transmitted = outside_fields(n_after, xi, 1.0)
 
     # Enter, reflect inside at the back, reflect inside at the front
     entry = _solve(np.concatenate([forward, -reflected], -1), incident)
@@ -158,9 +165,7 @@ def plate_jones(
     transmission = t_out @ arriving
     reflection = r_out + t_up @ (up * (r_back @ arriving))
     if basis == "sp":
-        order = np.array([[0.0, 1.0], [-1.0, 0.0]])
-        mirrored = np.array([[0.0, 1.0], [1.0, 0.0]])
-        return order @ transmission @ order.T, mirrored @ reflection @ order.T
+        return jones_bases(transmission, reflection)
 
     # Turn the radial and azimuthal axes back to x and y
     radius = np.where(xi > 0.0, xi, 1.0)
