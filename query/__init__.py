@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from query.images import DetectorImage, detector_image, detector_images
     from query.json_form import from_json
     from query.ray_report import report
+    from query.rays_at import rays_at, write_ray_file
     from query.scan import Progress
     from query.selection import Selection
     from query.selector import select, select_many
@@ -77,12 +78,14 @@ _LAZY = {
     "illuminated": "query.illumination",
     "parse": "query.grammar",
     "path_table": "query.tables",
+    "rays_at": "query.rays_at",
     "report": "query.ray_report",
     "select": "query.selector",
     "select_many": "query.selector",
     "sweep": "query.sweeps",
     "translate": "query.filter_strings",
     "write_image": "query.image_files",
+    "write_ray_file": "query.rays_at",
 }
 
 __all__ = [
@@ -129,6 +132,7 @@ __all__ = [
     "parse",
     "path",
     "path_table",
+    "rays_at",
     "rect",
     "report",
     "select",
@@ -138,6 +142,7 @@ __all__ = [
     "translate",
     "wavelength",
     "write_image",
+    "write_ray_file",
 ]
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from viewer.app import view
+    from viewer.models import export_3d
     from viewer.plotter import plotter
     from viewer.rendering import picture
     from viewer.state import Camera, Clip, Section, ViewState, load_state, save_state
@@ -19,6 +20,7 @@ _HOME = {
     "Clip": "viewer.state",
     "Section": "viewer.state",
     "ViewState": "viewer.state",
+    "export_3d": "viewer.models",
     "load_state": "viewer.state",
     "picture": "viewer.rendering",
     "plotter": "viewer.plotter",
@@ -31,6 +33,7 @@ __all__ = [
     "Clip",
     "Section",
     "ViewState",
+    "export_3d",
     "load_state",
     "picture",
     "plotter",
