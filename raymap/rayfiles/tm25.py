@@ -42,6 +42,7 @@ _TEXT_BYTES = 4000
 _LABEL_BYTES = 512
 _TABLES_AT = 256 + 32 + 9 * _TEXT_BYTES
 _MOST = 2**20
+Floats = NDArray[np.float32]
 
 TEXTS = (
     "name",
@@ -102,7 +103,7 @@ def read(path: Path) -> RaySet:
                 f"{path.name}: its header promises {rays} rays of {width} numbers, that is "
                 f"{start + rays * width * 4} bytes, but the file has {size}; {_AGAIN}"
             )
-        table = np.fromfile(file, "<f4", rays * width).reshape(rays, width)
+    table: Floats = np.memmap(path, "<f4", "r", offset=start, shape=(rays, width))
     columns = {name: table[:, place] for place, name in enumerate(names)}
     return _ray_set(path.name, head, columns, spectra, texts)
 
@@ -165,11 +166,11 @@ def _tables(file: BinaryIO, count: int, size: int, name: str) -> list[Spectrum]:
 def _ray_set(
     name: str,
     head: tuple[object, ...],
-    columns: dict[str, NDArray[np.float32]],
+    columns: dict[str, Floats],
     spectra: list[Spectrum],
     texts: list[str],
 ) -> RaySet:
-    def group(*keys: str) -> NDArray[np.float32]:
+    def group(*keys: str) -> Floats:
         return np.stack([columns[key] for key in keys], axis=1).astype(np.float32)
 
     radiant, luminous = columns.get("radiant"), columns.get("luminous")

@@ -79,7 +79,7 @@ def _read_binary(path: Path) -> RaySet:
                 f"{name}: its header promises {rays} rays of {width} numbers, the file holds "
                 f"{held:.6g}; get it again"
             )
-        table = np.fromfile(file, "<f4", rays * width).reshape(rays, width)
+    table = np.memmap(path, "<f4", "r", offset=_HEADER.size, shape=(rays, width))
     single = head[5] if kind == _FLUX_ONLY and 0.1 <= head[5] <= 100.0 else None
     found = _ray_set(table, name, _UNITS[unit], "lm" if flux_type else "W", single)
     total, stated = found.total_flux, head[4]
