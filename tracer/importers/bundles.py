@@ -60,13 +60,7 @@ class Bundles:
         sequence, aperture = self.sequence, self.sequence.prescription.aperture
         distance = -sequence.z[0]
         if aperture.kind == "stop":
-            stop = sequence.surfaces[sequence.prescription.stop]
-            if stop.semi_diameter is None:
-                raise self.fail(
-                    "the aperture is that of the stop, but the stop has no semi-diameter; give "
-                    "it one in the design program"
-                )
-            aimed = self.aim(self.axis, [[0.0, stop.semi_diameter]])
+            aimed = self.aim(self.axis, [[0.0, self.stop_radius]])
             height = float(aimed[0, 1])
             return height, height / distance if sequence.finite else 0.0
         value = aperture.value
@@ -109,7 +103,12 @@ class Bundles:
         if stop.semi_diameter and (not stop.automatic or sequence.prescription.telecentric):
             return stop.semi_diameter
         if sequence.prescription.aperture.kind == "stop":
-            return stop.semi_diameter or 0.0
+            if stop.semi_diameter is None:
+                raise self.fail(
+                    "says neither how wide its beam is nor how wide its stop; give one of them in "
+                    "the design program"
+                )
+            return stop.semi_diameter
         rays = self.trace(self.axis, [[0.0, self.marginal[0]]])
         radius = float(np.hypot(*rays.points[number, 0, :2]))
         if not math.isfinite(radius):
@@ -150,18 +149,16 @@ class Bundles:
         """(n, 2) places on the tangent plane of surface 1 from where rays of a field reach
         ``targets`` (n, 2) on the stop; nan where none was found."""
         goal = np.asarray(targets, float).reshape(-1, 2)
-        number = self.sequence.prescription.stop
         a, b = self.sequence.stop_matrix(self.primary)
         if origin.slope is not None:
             start = (goal - b * np.array(origin.slope)) / a
         else:
             distance, height = -self.sequence.z[0], np.array(origin.height)
             start = (goal + b * height / distance) / (a + b / distance)
-        # Come from the axis in steps: a start far from the truth may miss a surface
         scale = float(np.max(np.abs(start))) + 1e-9
         places = start
         for _ in range(_STEPS):
-            miss = self.trace(origin, places).points[number, :, :2] - goal
+            miss = self._at_stop(origin, places) - goal
             step = 1e-7 * scale
             dx = (
                 self.trace(origin, places + np.array([step, 0.0])).points[number, :, :2]
@@ -180,11 +177,17 @@ class Bundles:
             change = -np.linalg.solve(jacobian, np.where(lost[:, None], 0.0, miss)[:, :, None])
             change = np.where(lost[:, None], -0.1 * places, change[:, :, 0])
             places = places + np.clip(change, -scale, scale)
-            if not np.any(np.abs(change) > 1e-14 * scale):
+            if not np.any(np.abs(change) > 1e-13 * scale):
                 break
-        miss = self.trace(origin, places).points[number, :, :2] - goal
+        miss = self._at_stop(origin, places) - goal
         good = np.linalg.norm(miss, axis=1) < 1e-8 * (1.0 + np.abs(goal).max())
         return np.asarray(np.where(good[:, None], places, np.nan))
+
+    def _at_stop(self, origin: FieldOrigin, places: Array) -> Array:
+        """(n, 2) where rays of a field cross the stop."""
+        p, d = self.launch(origin, places)
+        number = self.sequence.prescription.stop
+        return self.sequence.trace(p, d, self.primary, last=number).points[number, :, :2]
 
     def chief(self, origin: FieldOrigin) -> Array:
         """(2,) where the chief ray of a field crosses the tangent plane of surface 1."""

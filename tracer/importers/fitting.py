@@ -65,7 +65,7 @@ def _overlap(first: Part, second: Part) -> float | None:
     """Distance from the axis at which ``second`` runs into ``first``, which lies before it."""
     inside = max(first.hole, second.hole)
     reach = min(first.outer, second.outer)
-    if reach <= inside:
+    if reach <= inside or second.lowest > first.highest:
         return None
     tolerance = 1e-12 * (abs(first.high.z) + abs(second.low.z) + 1.0)
     for r in np.linspace(inside, reach, _STEPS + 1):

@@ -301,10 +301,11 @@ class ImportedLens:
             self.prescription.wavelengths_nm, self.prescription.weights, strict=True
         ):
             weights[wavelength] = weights.get(wavelength, 0.0) + max(weight, 0.0)
-        values = [weights[wavelength] for wavelength in sorted(weights)]
-        if len(set(values)) == 1 or sum(values) == 0.0:
-            return {}
-        return {"spectrum": {"wavelength_nm": sorted(weights), "value": values}}
+        if sum(weights.values()) == 0.0:
+            weights = dict.fromkeys(weights, 1.0)
+        lit = sorted(wavelength for wavelength, weight in weights.items() if weight > 0.0)
+        powers = [weights[wavelength] for wavelength in lit]
+        return {"spectrum": {"lines": {"wavelength_nm": lit, "power": powers}}}
 
     def detector(self) -> dict[str, Any]:
         """Table of a detector that catches the image."""

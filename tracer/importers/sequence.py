@@ -112,20 +112,23 @@ class Sequence:
 
     # -- exact -----------------------------------------------------------------------------------
 
-    def trace(self, origins: ArrayLike, directions: ArrayLike, channel: int) -> ThroughRays:
+    def trace(
+        self, origins: ArrayLike, directions: ArrayLike, channel: int, *, last: int | None = None
+    ) -> ThroughRays:
         """Trace rays from anywhere before surface 1 to the image.
 
         Parameters
         ----------
         origins, directions : (n, 3); directions of length 1
         channel : index of the wavelength
+        last : index of the surface to end at, the image by default
         """
         p = np.array(origins, float).reshape(-1, 3)
         d = np.array(directions, float).reshape(-1, 3)
         points, along = [p.copy()], [d.copy()]
         before = self.indices[0, channel]
         with np.errstate(invalid="ignore", divide="ignore"):
-            for k in range(1, len(self.surfaces)):
+            for k in range(1, len(self.surfaces) if last is None else last + 1):
                 surface = self.surfaces[k]
                 vertex = np.array([0.0, 0.0, self.z[k]])
                 p, normal = _meet(surface, p - vertex, d)

@@ -22,9 +22,9 @@ def toml_text(tables: Mapping[str, Any]) -> str:
         if not isinstance(value, Mapping)
     ]
     for key, value in tables.items():
-        if not isinstance(value, Mapping) or not value:
+        if not isinstance(value, Mapping):
             continue
-        if all(isinstance(item, Mapping) for item in value.values()):
+        if value and all(isinstance(item, Mapping) for item in value.values()):
             for name, item in value.items():
                 lines += ["", f"[{_key(key)}.{_key(name)}]", *_entries(item)]
         else:
