@@ -137,6 +137,10 @@ def record(
         raise SceneError(f"rays must be at least 1, not {rays}")
     if rays is None and seconds is None:
         rays = DEFAULT_RAYS
+    if isinstance(compilation, Compilation):
+        check_sources(compilation)
+        if compilation.arrays.rare is not None:
+            refuse_pinholes(compilation, "the weighted one")
     if executor is not None and not shares_memory(executor):
         if path is None:
             raise SceneError("detector results only (no_rays) need an executor of this process")
@@ -149,8 +153,6 @@ def record(
             force=force, raw=raw, compact=compact, portion_rays=portion_rays, progress=progress,
             cancel=cancel,
         )  # fmt: skip
-    if isinstance(compilation, Compilation):
-        check_sources(compilation)
     count = threads or os.cpu_count() or 1
     if path is None:
         run = _Run(compilation, None, rays, seconds, seed, count, portion_rays, progress)
@@ -449,10 +451,9 @@ class _Run:
 
 def _pinholes(compilation: Compilation | CrystalCompilation) -> Pinholes | None:
     """What sums up the pictures of pinholes; None where there are none."""
-    if not any(is_pinhole(item) for item in compilation.directory.detectors):
+    found = any(is_pinhole(item) for item in compilation.directory.detectors)
+    if not found or not isinstance(compilation, Compilation):
         return None
-    if compilation.arrays.rare is not None:
-        refuse_pinholes(compilation, "the weighted one")
     from tracer.engine.pinhole import Pinholes
 
     return Pinholes(compilation)

@@ -362,7 +362,7 @@ def _phase(row: F64, tables: F64 | None, mu: float) -> float:
 
 @lean_kernel
 def _nearest(scene: CompiledScene, b: Buffers, n: int) -> None:
-    nearest_hits(scene, b.live_f, b.live_i, n, b.bundle_f, b.bundle_i, b.bins)
+    nearest_hits(scene, b, n, False)
 
 
 @lean_kernel
