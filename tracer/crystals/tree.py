@@ -256,7 +256,7 @@ def grow_tree(
     k0 : 2 pi / wavelength [1/mm]
     start : (NODE,) the root, weight 1
     max_events : branches that need more surface events than this are truncated
-    tolerance : flux that may be left out; 0 grows everything
+    tolerance : share that may be left out; 0 grows everything above 1e-26 of the root
     coherent : carry phases along, so that fields of exits may be summed
     exits : (capacity, EXIT), filled
 
@@ -276,9 +276,11 @@ def grow_tree(
     used = 1
     waiting = 1
     open_weight = start[_WEIGHT]
+    summed = open_weight
+    least = max(tolerance, 1e-26 * open_weight)
     _copy(start, nodes, 0)
     heap[0] = 0
-    while waiting > 0 and open_weight > tolerance:
+    while waiting > 0 and open_weight > least:
         # Take the heaviest branch and move it to its next boundary
         slot = _pop(nodes, heap, waiting)
         waiting -= 1
@@ -412,4 +414,10 @@ def grow_tree(
                     _push(nodes, heap, waiting, slot)
                     waiting += 1
                     open_weight += branch
+        # Sum anew now and then: what rounding leaves would hide faint branches
+        if open_weight < 1e-3 * summed:
+            open_weight = 0.0
+            for k in range(waiting):
+                open_weight += nodes[heap[k], _WEIGHT]
+            summed = open_weight
     return n_exits, pruned + open_weight, truncated, absorbed

@@ -34,35 +34,82 @@ def test_nothing_is_lost(tolerance):
     assert exits.pruned <= max(tolerance, 1e-15)
 
 
-def test_coherent_sum_of_the_tree_of_a_plate_is_its_jones_matrix():
-    thickness, wavelength = 0.004, 600.0
-    slab = box("slab", TURNED, (0.0, 0.0, -thickness / 2), (1e3, 1e3, thickness))
-    d = unit(0.3, 0.2, -1.0)
+def tree_of_a_plate(crystal, thickness, wavelength, d, field):
+    """Fields behind and before a plate that light meets at the origin from above, summed."""
+    slab = box("slab", crystal, (0.0, 0.0, -thickness / 2), (1e3, 1e3, thickness))
+    exits = trace_tree(
+        (slab,), AIR, -d, d, wavelength_nm=wavelength, field=field, max_events=80, tolerance=1e-24
+    )
+    found = []
+    for place, way in ((-thickness, d), (0.0, d * [1, 1, -1])):
+        directions, fields = coherent_sum(exits, (0.0, 0.0, place))
+        found.append(fields[int(np.argmin(np.linalg.norm(directions - way, axis=1)))])
+    return found
+
+
+# The plate's own frame looks along +z: turn the world about x by 180 degrees
+FLIP = np.diag([1.0, -1.0, -1.0])
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_coherent_sum_of_the_tree_of_a_plate_is_its_jones_matrix(seed):
+    crystal, d, thickness, wavelength = random_plate(np.random.default_rng(seed), seed)
+    there = FLIP @ d
+    t, r = plate_jones(crystal.turned(FLIP), there[0], there[1], thickness, wavelength)
+    assert_fields(crystal, d, thickness, wavelength, t, r)
+
+
+@pytest.mark.peers
+def test_coherent_sums_of_trees_agree_with_pyelli():
+    elli = pytest.importorskip("elli")
+    for seed in range(10, 14):
+        crystal, d, thickness, wavelength = random_plate(np.random.default_rng(seed), seed)
+        there = FLIP @ d
+        size = math.hypot(there[0], there[1])
+        c, s = there[0] / size, there[1] / size
+        medium = elli.BiaxialMaterial(
+            *[elli.ConstantRefractiveIndex(n) for n in crystal.principal_indices(wavelength)]
+        )
+        medium.set_rotation(
+            np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ FLIP @ np.asarray(crystal.orientation)
+        )
+        air = elli.IsotropicMaterial(elli.ConstantRefractiveIndex(1.0))
+        stack = elli.Structure(air, [elli.Layer(medium, thickness * 1e6)], air)
+        data = stack.evaluate([wavelength], math.degrees(math.asin(size)), solver=elli.Solver4x4)
+        # Its order is p, s, and its s points the other way
+        t, r = (
+            np.asarray(matrix[0])[::-1, ::-1] * np.array([[1, -1], [-1, 1]])
+            for matrix in (data.jones_matrix_t, data.jones_matrix_r)
+        )
+        assert_fields(crystal, d, thickness, wavelength, t, r)
+
+
+def random_plate(rng, number):
+    n = rng.uniform(1.25, 1.55, 3)
+    if number % 2:
+        n[1] = n[0]
+    turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    turn *= np.sign(np.linalg.det(turn))
+    theta, phi = rng.uniform(0.1, 0.7), rng.uniform(0.0, 2.0 * np.pi)
+    d = np.array([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), -np.cos(theta)])
+    return Crystal(indices=tuple(n), orientation=turn), d, rng.uniform(5e-4, 4e-3), 600.0
+
+
+def assert_fields(crystal, d, thickness, wavelength, t, r):
+    """The tree's sums against Jones matrices, for s, p and an elliptical state."""
     s, p = (v[0] for v in s_and_p(d, (0.0, 0.0, 1.0)))
-    # The plate's own frame looks along +z: turn the world about x by 180 deg
-    flip = np.diag([1.0, -1.0, -1.0])
-    mirrored = TURNED.turned(flip)
-    there = flip @ d
-    t, r = plate_jones(mirrored, there[0], there[1], thickness, wavelength)
+    there = FLIP @ d
     ps, pp = (v[0] for v in s_and_p(there, (0.0, 0.0, 1.0)))
+    k0 = 2e6 * np.pi / wavelength
     for field in (s, p, 0.6 * s + 0.8j * p):
-        exits = trace_tree(
-            (slab,), AIR, -d, d, wavelength_nm=wavelength, field=field, max_events=60,
-            tolerance=1e-15,
-        )  # fmt: skip
-        k0 = 2e6 * np.pi / wavelength
+        behind, before = tree_of_a_plate(crystal, thickness, wavelength, d, field)
         # The ray starts at -d and meets the upper face at the origin
-        inside = flip @ np.asarray(field) * np.exp(1j * k0 * 1.0)
+        inside = FLIP @ np.asarray(field) * np.exp(1j * k0 * 1.0)
         amplitudes = np.array([inside @ ps, inside @ pp])
-        directions, fields = coherent_sum(exits, (0.0, 0.0, -thickness))
-        k = int(np.argmin(np.linalg.norm(directions - d, axis=1)))
-        seen = flip @ fields[k]
-        got = np.array([seen @ ps, seen @ pp])
-        np.testing.assert_allclose(got, t @ amplitudes, atol=1e-6)
-        directions, fields = coherent_sum(exits, (0.0, 0.0, 0.0))
-        k = int(np.argmin(np.linalg.norm(directions - d * [1, 1, -1], axis=1)))
-        # Branches of weight 1e-15 are left out: an amplitude of at most 3.2e-8
-        assert np.linalg.norm(fields[k]) == pytest.approx(np.linalg.norm(r @ amplitudes), abs=4e-8)
+        seen = FLIP @ behind
+        np.testing.assert_allclose([seen @ ps, seen @ pp], t @ amplitudes, atol=1e-10)
+        back = np.linalg.norm(r @ amplitudes)
+        assert np.linalg.norm(before) == pytest.approx(back, abs=1e-10)
 
 
 def test_a_mesh_is_traced_like_the_same_convex_body():
