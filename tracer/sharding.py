@@ -8,80 +8,31 @@ rays that one machine would have recorded.
 
 from __future__ import annotations
 
-import hashlib
 import os
-import pickle
 import secrets
-import tempfile
-import threading
 import time
-import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import zstandard
+from typing import TYPE_CHECKING
 
 from raymap.address import Address, place_of
 from raymap.cluster import TRIES, worker_count
-from raymap.errors import MapExists, MapLocked, RayMapError, SceneError, SceneMismatch
-from raymap.locking import try_lock
-from raymap.opening import open as open_map
-from raymap.resume import scene_difference
-from raymap.shards import SUFFIX, shard_paths
-from raymap.writer import RayMapWriter
-from tracer.scene.arrays import R_RAYS, R_SPLITS, CompiledScene
+from raymap.errors import RayMapError, SceneError
+from raymap.shards import SUFFIX
+from tracer.shard_folder import begin_folder, owned_folder
+from tracer.shard_tasks import Shard, ShardTask, pack, trace_shard
 
 if TYPE_CHECKING:
     from tracer.record import Progress, RecordResult
     from tracer.scene.compile import Compilation
 
-__all__ = ["ShardTask", "record_shards", "trace_shard"]
+__all__ = ["record_shards"]
 
 LEAST_RAYS, MOST_RAYS = 2**13, 2**20
 """Rays of a shard, unless they are given."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ShardTask:
-    """One shard to trace; all that a worker needs to know.
-
-    Attributes
-    ----------
-    scene : the packed compilation
-    name : of the file
-    first_ray, rays, seed : which rays (emissions, where rays split)
-    seconds : stop after so long, or None
-    folder : where it is written: a path, an `Address`, or None to send it back
-    probe : a file in the folder by which a worker knows that it sees the same folder
-    meshes : store display meshes
-    """
-
-    scene: bytes
-    name: str
-    first_ray: int
-    rays: int
-    seed: int
-    seconds: float | None
-    portion_rays: int | None
-    raw: bool
-    compact: bool
-    folder: Path | Address
-    probe: str | None
-    meshes: bool
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Shard:
-    """What a worker answers: counts, and the file where it could not put it into the folder."""
-
-    name: str
-    result: RecordResult
-    size: int
-    data: bytes | None
 
 
 def record_shards(
@@ -124,99 +75,14 @@ def record_shards(
             f"{str(place)!r}: an executor of many machines writes a folder of maps; name a folder, "
             f"without {SUFFIX}"
         )
-    with _owned(place):
-        first, known_seed = _begin(place, compilation, append=append, force=force)
+    with owned_folder(place):
+        first, known_seed = begin_folder(place, compilation, append=append, force=force)
         chosen = known_seed if seed is None else seed
         trace = _SpreadTrace(
             compilation, place, executor, first_ray=first, seed=chosen, rays=rays, seconds=seconds,
             raw=raw, compact=compact, portion_rays=portion_rays, shard_rays=shard_rays,
         )  # fmt: skip
         return trace.run(progress, cancel)
-
-
-# -- the folder --------------------------------------------------------------------------------
-
-
-@contextmanager
-def _owned(place: Path | Address) -> Iterator[None]:
-    """Hold a local folder for one recording at a time."""
-    if isinstance(place, Address):
-        yield
-        return
-    try:
-        place.mkdir(parents=True, exist_ok=True)
-    except FileExistsError:
-        raise MapExists(
-            f"{str(place)!r} is a file; an executor of many machines writes a folder of maps: "
-            "choose another name"
-        ) from None
-    except OSError as error:
-        raise RayMapError(f"folder {place} cannot be made: {error.strerror}") from None
-    if os.name == "nt":  # pragma: no cover
-        yield
-        return
-    descriptor = os.open(place, os.O_RDONLY)
-    try:
-        if not try_lock(descriptor):
-            raise MapLocked(
-                f"another program records into {place}: wait until it ends, or name another folder"
-            )
-        yield
-    finally:
-        os.close(descriptor)
-
-
-def _begin(
-    place: Path | Address, compilation: Compilation, *, append: bool, force: bool
-) -> tuple[int, int]:
-    """(first ray, seed where none is given); refuses or removes what is there."""
-    from tracer.record import DEFAULT_SEED
-
-    there = _shards_in(place)
-    if not there:
-        return 0, DEFAULT_SEED
-    if append:
-        with open_map(there, on_damage="skip") as known:
-            difference = scene_difference(known.directory, compilation.directory)
-            if difference:
-                raise SceneMismatch(f"{place} was recorded from another scene: {difference}")
-            after = max((p.last_ray + 1 for p in known.portions if p.n_rays), default=0)
-            first = -(-after // fan(compilation.arrays))
-            seeds = [run["seed"] for run in known.runs if run.get("seed") is not None]
-        return first, int(seeds[-1]) if seeds else DEFAULT_SEED
-    if not force:
-        raise MapExists(
-            f"{str(place)!r} holds {len(there)} maps and stays as it is; continue with --append, "
-            "write over them with --force, or choose another name"
-        )
-    for each in there:
-        _remove(each)
-    return 0, DEFAULT_SEED
-
-
-def _shards_in(place: Path | Address) -> list[Any]:
-    from raymap.errors import NotARayMap
-
-    with suppress(NotARayMap):
-        if isinstance(place, Address):
-            from raymap.remotebytes import map_addresses
-
-            return map_addresses(place, SUFFIX) or []
-        return list(shard_paths(place))
-    return []
-
-
-def _remove(shard: Path | Address) -> None:
-    if isinstance(shard, Address):
-        from raymap.remotebytes import file_system
-
-        system, path = file_system(shard)
-        system.rm(path)
-    else:
-        shard.unlink()
-
-
-# -- the side that hands out -------------------------------------------------------------------
 
 
 class _SpreadTrace:
@@ -258,7 +124,7 @@ class _SpreadTrace:
             probe=None,
             meshes=False,
         )
-        self.done: dict[int, _Shard] = {}
+        self.done: dict[int, Shard] = {}
         self.planned = 0
 
     def run(
@@ -302,7 +168,7 @@ class _SpreadTrace:
         cancel: Callable[[], bool] | None,
     ) -> bool:
         """True if it was stopped before its end."""
-        pending: dict[Future[_Shard], tuple[ShardTask, int]] = {}
+        pending: dict[Future[Shard], tuple[ShardTask, int]] = {}
         stopped = False
         while True:
             try:
@@ -334,7 +200,7 @@ class _SpreadTrace:
                 self._drop_queued(pending)
                 raise
 
-    def _drop_queued(self, pending: dict[Future[_Shard], tuple[ShardTask, int]]) -> None:
+    def _drop_queued(self, pending: dict[Future[Shard], tuple[ShardTask, int]]) -> None:
         """What is under way is finished and kept, what is only queued is dropped."""
         for future in [each for each in pending if each.cancel()]:
             del pending[future]
@@ -362,7 +228,7 @@ class _SpreadTrace:
         )
 
     def _submit(
-        self, task: ShardTask, tries: int, pending: dict[Future[_Shard], tuple[ShardTask, int]]
+        self, task: ShardTask, tries: int, pending: dict[Future[Shard], tuple[ShardTask, int]]
     ) -> None:
         try:
             pending[self.executor.submit(trace_shard, task)] = task, tries
@@ -371,10 +237,10 @@ class _SpreadTrace:
 
     def _take(
         self,
-        future: Future[_Shard],
+        future: Future[Shard],
         task: ShardTask,
         tries: int,
-        pending: dict[Future[_Shard], tuple[ShardTask, int]],
+        pending: dict[Future[Shard], tuple[ShardTask, int]],
     ) -> None:
         try:
             shard = future.result()
@@ -389,7 +255,7 @@ class _SpreadTrace:
             self._put(shard)
         self.done[task.first_ray] = replace(shard, data=None)
 
-    def _put(self, shard: _Shard) -> None:
+    def _put(self, shard: Shard) -> None:
         """Write a shard that was sent back."""
         assert shard.data is not None
         assert isinstance(self.place, Path)
@@ -459,83 +325,3 @@ def _summed(tables: list[dict[str, dict[str, float]]]) -> dict[str, dict[str, fl
             for key, value in row.items():
                 own[key] = own.get(key, 0) + value
     return total
-
-
-# -- the side that traces ----------------------------------------------------------------------
-
-_compilations: dict[str, Compilation] = {}
-_compiling = threading.Lock()
-
-
-def fan(scene: CompiledScene) -> int:
-    """Ray numbers that an emission takes: several where rays split."""
-    if scene.rare is None or scene.rare.settings[R_SPLITS] <= 0.0:
-        return 1
-    return int(scene.rare.settings[R_RAYS])
-
-
-def pack(compilation: Compilation) -> bytes:
-    """A compilation as bytes, for workers of the same version."""
-    return zstandard.compress(pickle.dumps(compilation, protocol=5), 3)
-
-
-def _unpacked(scene: bytes) -> Compilation:
-    """The scene of a task; the last one is kept, as most tasks have the same."""
-    key = hashlib.sha256(scene).hexdigest()
-    with _compiling:
-        if key not in _compilations:
-            _compilations.clear()
-            _compilations[key] = pickle.loads(zstandard.decompress(scene))
-        return _compilations[key]
-
-
-def trace_shard(task: ShardTask) -> _Shard:
-    """Trace the rays of a task and write them as a map (on a worker)."""
-    if isinstance(task.folder, Path) and task.probe and (task.folder / task.probe).exists():
-        part = task.folder / f".{task.name}.{secrets.token_hex(4)}.part"
-        try:
-            result = _trace_into(task, part)
-            size = part.stat().st_size
-            os.replace(part, task.folder / task.name)
-        finally:
-            with suppress(OSError):
-                part.unlink(missing_ok=True)
-        return _Shard(name=task.name, result=result, size=size, data=None)
-    with tempfile.TemporaryDirectory(prefix="raymap-") as own:
-        part = Path(own) / task.name
-        result = _trace_into(task, part)
-        data = part.read_bytes()
-    if isinstance(task.folder, Address):
-        from raymap.remotebytes import upload
-
-        upload(data, task.folder / task.name)
-        return _Shard(name=task.name, result=result, size=len(data), data=None)
-    return _Shard(name=task.name, result=result, size=len(data), data=data)
-
-
-def _trace_into(task: ShardTask, path: Path) -> RecordResult:
-    from tracer.record import run_into
-
-    compilation = _unpacked(task.scene)
-    with (
-        warnings.catch_warnings(),
-        RayMapWriter.create(
-            path,
-            compilation.directory,
-            meshes=compilation.meshes if task.meshes else {},
-            raw=task.raw,
-            compact=task.compact,
-            trusted=True,
-            first_ray=task.first_ray * fan(compilation.arrays),
-        ) as writer,
-    ):
-        # What there is to warn of stands in the result
-        warnings.simplefilter("ignore")
-        return run_into(
-            compilation,
-            writer,
-            rays=task.rays,
-            seconds=task.seconds,
-            seed=task.seed,
-            portion_rays=task.portion_rays,
-        )

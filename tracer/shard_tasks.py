@@ -1,0 +1,150 @@
+"""One shard of a trace: what a worker is told, what it does, what it answers."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import pickle
+import secrets
+import tempfile
+import threading
+import warnings
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import zstandard
+
+from raymap.address import Address
+from raymap.writer import RayMapWriter
+from tracer.scene.arrays import R_RAYS, R_SPLITS, CompiledScene
+
+if TYPE_CHECKING:
+    from tracer.record import RecordResult
+    from tracer.scene.compile import Compilation
+
+__all__ = ["Shard", "ShardTask", "fan", "pack", "trace_shard", "unpack"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShardTask:
+    """One shard to trace; all that a worker needs to know.
+
+    Attributes
+    ----------
+    scene : the packed compilation
+    name : of the file
+    first_ray, rays, seed : which rays (emissions, where rays split)
+    seconds : stop after so long, or None
+    folder : where it is written: a path, an `Address`, or None to send it back
+    probe : a file in the folder by which a worker knows that it sees the same folder
+    meshes : store display meshes
+    """
+
+    scene: bytes
+    name: str
+    first_ray: int
+    rays: int
+    seed: int
+    seconds: float | None
+    portion_rays: int | None
+    raw: bool
+    compact: bool
+    folder: Path | Address
+    probe: str | None
+    meshes: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shard:
+    """What a worker answers: counts, and the file where it could not put it into the folder."""
+
+    name: str
+    result: RecordResult
+    size: int
+    data: bytes | None
+
+
+_compilations: dict[str, Compilation] = {}
+_unpacking = threading.Lock()
+
+
+def fan(scene: CompiledScene) -> int:
+    """Ray numbers that an emission takes: several where rays split."""
+    if scene.rare is None or scene.rare.settings[R_SPLITS] <= 0.0:
+        return 1
+    return int(scene.rare.settings[R_RAYS])
+
+
+def pack(compilation: Compilation) -> bytes:
+    """A compilation as bytes, for workers of the same version."""
+    return zstandard.compress(pickle.dumps(compilation, protocol=5), 3)
+
+
+def unpack(scene: bytes) -> Compilation:
+    """The compilation of `pack`."""
+    found: Compilation = pickle.loads(zstandard.decompress(scene))
+    return found
+
+
+def _scene_of(task: ShardTask) -> Compilation:
+    """The scene of a task; the last one is kept, as most tasks have the same."""
+    key = hashlib.sha256(task.scene).hexdigest()
+    with _unpacking:
+        if key not in _compilations:
+            _compilations.clear()
+            _compilations[key] = unpack(task.scene)
+        return _compilations[key]
+
+
+def trace_shard(task: ShardTask) -> Shard:
+    """Trace the rays of a task and write them as a map (on a worker)."""
+    if isinstance(task.folder, Path) and task.probe and (task.folder / task.probe).exists():
+        part = task.folder / f".{task.name}.{secrets.token_hex(4)}.part"
+        try:
+            result = _trace_into(task, part)
+            size = part.stat().st_size
+            os.replace(part, task.folder / task.name)
+        finally:
+            with suppress(OSError):
+                part.unlink(missing_ok=True)
+        return Shard(name=task.name, result=result, size=size, data=None)
+    with tempfile.TemporaryDirectory(prefix="raymap-") as own:
+        part = Path(own) / task.name
+        result = _trace_into(task, part)
+        data = part.read_bytes()
+    if isinstance(task.folder, Address):
+        from raymap.remotebytes import upload
+
+        upload(data, task.folder / task.name)
+        return Shard(name=task.name, result=result, size=len(data), data=None)
+    return Shard(name=task.name, result=result, size=len(data), data=data)
+
+
+def _trace_into(task: ShardTask, path: Path) -> RecordResult:
+    from tracer.record import run_into
+
+    compilation = _scene_of(task)
+    with (
+        warnings.catch_warnings(),
+        RayMapWriter.create(
+            path,
+            compilation.directory,
+            meshes=compilation.meshes if task.meshes else {},
+            raw=task.raw,
+            compact=task.compact,
+            trusted=True,
+            first_ray=task.first_ray * fan(compilation.arrays),
+        ) as writer,
+    ):
+        # What there is to warn of stands in the result
+        warnings.simplefilter("ignore")
+        return run_into(
+            compilation,
+            writer,
+            rays=task.rays,
+            seconds=task.seconds,
+            seed=task.seed,
+            portion_rays=task.portion_rays,
+        )
