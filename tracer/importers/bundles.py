@@ -160,17 +160,11 @@ class Bundles:
         for _ in range(_STEPS):
             miss = self._at_stop(origin, places) - goal
             step = 1e-7 * scale
-            dx = (
-                self.trace(origin, places + np.array([step, 0.0])).points[number, :, :2]
-                - goal
-                - miss
-            )
-            dy = (
-                self.trace(origin, places + np.array([0.0, step])).points[number, :, :2]
-                - goal
-                - miss
-            )
-            jacobian = np.stack([dx, dy], axis=2) / step
+            aside = [
+                self._at_stop(origin, places + step * np.eye(2)[axis]) - goal - miss
+                for axis in range(2)
+            ]
+            jacobian = np.stack(aside, axis=2) / step
             lost = ~np.isfinite(miss).all(axis=1) | ~np.isfinite(jacobian).all(axis=(1, 2))
             lost |= np.abs(np.linalg.det(np.where(lost[:, None, None], 1.0, jacobian))) < 1e-30
             jacobian[lost] = np.eye(2)
