@@ -14,7 +14,7 @@ from typing import Any
 from raymap.errors import MissingExtra, SceneError
 from tracer.importers.prescription import GlassName, ImportWarning
 from tracer.optics.dispersion import LINE_NM
-from tracer.optics.glasses import MAKERS, Glass, find_glass
+from tracer.optics.glasses import MAKERS, Glass, find_glass, find_shipped
 from tracer.optics.maker_glasses import loose_key, similar_rows
 
 __all__ = ["medium_of_glass"]
@@ -63,7 +63,7 @@ def medium_of_glass(
         meant = given[glass.name]
         if not meant:
             return glass.name, {}
-        found = _look_up(meant, ())
+        found = _look_up(meant, ()) or _look_further(meant)
         return (meant, {"glass": _full_name(found)}) if found else (meant, {})
     if glass.model is not None:
         index, abbe = glass.model
@@ -91,6 +91,7 @@ def medium_of_glass(
                     stacklevel=2,
                 )
                 break
+    found = found or _look_further(name)
     if found is None:
         near = similar_rows(glass.name)
         names = f"; the nearest names are {', '.join(near)}" if near else ""
@@ -115,13 +116,20 @@ def _makers_of(names: tuple[str, ...]) -> Iterator[str]:
 
 
 def _look_up(name: str, makers: tuple[str, ...]) -> Glass | None:
-    """A glass by name, of these makers first."""
+    """A glass of the shipped tables by name, of these makers first."""
     for maker in (*makers, None):
-        try:
-            return find_glass(name, maker)
-        except (SceneError, MissingExtra):
-            continue
+        found = find_shipped(name, maker)
+        if found is not None:
+            return found
     return None
+
+
+def _look_further(name: str) -> Glass | None:
+    """A glass of any catalogue; slow where the package opticalglass is asked."""
+    try:
+        return find_glass(name)
+    except (SceneError, MissingExtra):
+        return None
 
 
 def _twins(name: str) -> Iterator[tuple[str, str]]:

@@ -25,7 +25,7 @@ from tracer.optics.absorption import absorption_from_transmittance
 from tracer.optics.dispersion import Dispersion, Kind
 from tracer.optics.maker_glasses import CATALOGUE_MAKERS, Row, find_row
 
-__all__ = ["Glass", "find_glass", "glass_names"]
+__all__ = ["Glass", "find_glass", "find_shipped", "glass_names"]
 
 MAKERS = CATALOGUE_MAKERS
 """Makers by whose names glasses may be called."""
@@ -85,12 +85,9 @@ def find_glass(name: str, maker: str | None = None) -> Glass:
         if no such material is known, with the nearest names
     """
     wanted, maker = _split(name, maker)
-    shipped = _shipped().get(_key(wanted))
-    if shipped is not None and maker in (None, shipped.maker):
+    shipped = find_shipped(wanted, maker)
+    if shipped is not None:
         return shipped
-    row = find_row(wanted, maker)
-    if row is not None:
-        return _from_row(row)
     if util.find_spec("opticalglass") is not None:
         found = _from_catalogues(wanted, maker)
         if found is not None:
@@ -111,6 +108,16 @@ def find_glass(name: str, maker: str | None = None) -> Glass:
         + (f"; the nearest names are {names}" if names else "")
         + hint
     )
+
+
+def find_shipped(name: str, maker: str | None = None) -> Glass | None:
+    """As `find_glass`, from the shipped tables alone; None for a name that they do not have."""
+    wanted, maker = _split(name, maker)
+    common = _shipped().get(_key(wanted))
+    if common is not None and maker in (None, common.maker):
+        return common
+    row = find_row(wanted, maker)
+    return None if row is None else _from_row(row)
 
 
 def glass_names() -> list[str]:
