@@ -80,7 +80,7 @@ def rays_at(
         end, owner = _meetings_of(stored, place, rays, offsets, leaving)
         chosen = _choose(owner, meetings)
         end, owner = end[chosen], owner[chosen]
-        random = np.random.default_rng([seed, int(stored.number)])
+        random = np.random.default_rng([seed, index])
         flux = factors[stored.column("source")[owner]]
         if stored.has_weights:
             flux = flux * stored.column("weight")[owner]

@@ -103,6 +103,20 @@ def test_light_handed_on_makes_the_same_image(tmp_path: Path, suffix: str, unit:
     assert abs(blocked[0].flux - blocked[1].flux) < 4 * error
 
 
+def test_light_that_reaches_a_face_shines_on_it_again(tmp_path: Path) -> None:
+    whole = trace(tmp_path, "whole", UPSTREAM.format(unit="W") + DOWNSTREAM, 20_000)
+    with raymap.open(whole) as ray_map:
+        on_edge = query.select(ray_map, 'last(hit("edge"))').flux
+        written = write_ray_file(
+            query.select(ray_map), tmp_path / "edge.tm25ray", "edge.face", before=0.01
+        )
+    assert written["flux"] == pytest.approx(on_edge, rel=1e-5)
+    text = HANDED_ON.format(length="mm", unit="W", file="edge.tm25ray") + DOWNSTREAM
+    again = trace(tmp_path, "again", text, 5_000)
+    with raymap.open(again) as ray_map:
+        assert query.select(ray_map, 'last(hit("edge"))').flux == pytest.approx(on_edge, rel=1e-5)
+
+
 def test_other_units_and_a_turned_source(tmp_path: Path) -> None:
     first = trace(tmp_path, "first", UPSTREAM.format(unit="W"), 5_000)
     with raymap.open(first) as ray_map:

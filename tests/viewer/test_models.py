@@ -181,7 +181,13 @@ def test_refusals(small_map: raymap.RayMap, tmp_path: Path) -> None:
     assert [each.name for each in tmp_path.iterdir()] == ["a.glb"]
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+WITH_CAD = [
+    pytest.param(each, marks=pytest.mark.peers) if each in (".dxf", ".step", ".stp") else each
+    for each in SUFFIXES
+]
+
+
+@pytest.mark.parametrize("suffix", WITH_CAD)
 def test_nothing_selected(small_map: raymap.RayMap, tmp_path: Path, suffix: str) -> None:
     if suffix in (".dxf", ".step", ".stp"):
         pytest.importorskip("ezdxf")

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -89,7 +90,7 @@ def gather(
     )
     names, numbers = _groups(drawn, directory, drawing.labels, group)
     return Content(
-        title=directory.title or ray_map.path.stem,
+        title=directory.title or Path(str(ray_map.path)).stem,
         length_unit=directory.length_unit,
         bodies=load_bodies(directory, ray_map.meshes) if scene else [],
         frames=_frames(directory) if scene else [],
@@ -120,8 +121,6 @@ def _groups(
 
 def _shortened(rays: DrawnRays, tail: float) -> DrawnRays:
     """Rays that leave the scene end at most so far behind their last surface."""
-    from dataclasses import replace
-
     last = rays.offsets[1:] - 1
     left = last[(rays.event[last] & int(Event.LEFT_SCENE)) != 0]
     left = left[~np.isin(left, rays.offsets[:-1])]
