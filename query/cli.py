@@ -236,14 +236,18 @@ def image(
             return
         for item in written:
             peak = "" if item["peak"] is None else f", peak {item['peak']:.4g} {item['peak_unit']}"
+            counted = f"from {item['registrations']:,} registrations"
+            if item["summed_while_tracing"]:
+                counted = "through an opening of unit area, summed up while tracing"
             typer.echo(
-                f"wrote {item['output']}: {item['flux']:.6g} {item['flux_unit']} from "
-                f"{item['registrations']:,} registrations{peak}"
+                f"wrote {item['output']}: {item['flux']:.6g} {item['flux_unit']} {counted}{peak}"
             )
 
 
 def _written(path: Path, picture: Any) -> dict[str, Any]:
     """What a picture holds, in numbers."""
+    from raymap.cells import is_pinhole
+
     known = picture.measure is not None
     return {
         "output": str(path),
@@ -252,6 +256,7 @@ def _written(path: Path, picture: Any) -> dict[str, Any]:
         "flux": picture.total,
         "flux_unit": picture.flux_unit,
         "registrations": int(picture.rays.sum()),
+        "summed_while_tracing": is_pinhole(picture.detector),
         "quantity": picture.density_name,
         "peak": float(picture.density().max()) if known else None,
         "peak_unit": picture.density_unit,

@@ -433,5 +433,5 @@ def _from_results(map: Any, index: int, shape: tuple[int, int, int]) -> Detector
         channels=sums * factor,
         # Sums do not tell how channels go together: exact where light keeps its colour, else more
         variance=np.sqrt(squares).sum(axis=2) ** 2 * factor**2,
-        rays=np.round(sums.sum(axis=2)).astype(np.int64),
+        rays=np.round(sums.sum(axis=2)).astype(np.int64) * (not is_pinhole(detector)),
     )
