@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 from raymap.errors import RayMapError
 
-__all__ = ["Busy", "Gate", "Limits", "OutOfTime", "deadline"]
+__all__ = ["Busy", "Deadline", "Gate", "Limits", "OutOfTime"]
 
 
 class OutOfTime(RayMapError, TimeoutError):
@@ -91,7 +91,7 @@ class Gate:
             self._places.release()
 
 
-class deadline:
+class Deadline:
     """A function that turns true after some time, or when the client has gone."""
 
     def __init__(self, seconds: float, gone: Callable[[], bool]) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 from raymap.shards import SUFFIX
 from service.confine import ServedFolder
 from service.library import Library
-from service.limits import Gate, deadline
+from service.limits import Deadline, Gate
 from service.requests import BadRequest, Request
 from service.scenes import SceneRequest, describe_scene, names_of
 
@@ -78,7 +78,7 @@ class Questions:
         limit = request.whole("limit", 1, 2**62, None)
         request.finish()
         with self.gate.turn(), self.library.map(name) as ray_map:
-            over = deadline(request.limits.search_seconds, gone)
+            over = Deadline(request.limits.search_seconds, gone)
             found = select(
                 ray_map, criterion, limit=limit, rays=False, cancel=over, threads=self.threads
             )

@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from raymap.errors import RayMapError
 from service.library import Library
-from service.limits import Gate, deadline
+from service.limits import Deadline, Gate
 from service.requests import Request
 
 __all__ = ["STREAMS", "Answer", "Streams"]
@@ -82,7 +82,7 @@ class Streams:
 
         ray_map = stack.enter_context(self.library.map(name))
         with self.gate.turn():
-            over = deadline(request.limits.search_seconds, gone)
+            over = Deadline(request.limits.search_seconds, gone)
             found = select(ray_map, criterion, limit=limit, cancel=over, threads=self.threads)
             if not found.complete:
                 over.check()
@@ -155,7 +155,7 @@ class Streams:
         top = request.whole("top", 1, 10**6, 1000)
         request.finish()
         with self.gate.turn(), self.library.map(name) as ray_map:
-            over = deadline(request.limits.search_seconds, gone)
+            over = Deadline(request.limits.search_seconds, gone)
             table = path_table(
                 ray_map, criterion, by=by, sort=sort, peak=peak, cancel=over, threads=self.threads
             )
@@ -179,7 +179,7 @@ class Streams:
         detector = request.text("detector")
         request.finish()
         with self.gate.turn(), self.library.map(name) as ray_map:
-            over = deadline(request.limits.search_seconds, gone)
+            over = Deadline(request.limits.search_seconds, gone)
             image = detector_image(ray_map, detector, criterion, cancel=over, threads=self.threads)
             if not image.complete:
                 over.check()
