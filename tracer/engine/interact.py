@@ -40,9 +40,10 @@ from tracer.engine.buffers import (
     Buffers,
     T,
 )
+from tracer.engine.contacts import cross_face, scene_touches
 from tracer.engine.lights import emit_light
 from tracer.engine.meetings import pass_planes, pass_views, register_on_face
-from tracer.engine.nests import enter_body, leave_body, top_body
+from tracer.engine.nests import top_body
 from tracer.engine.random import stream_state
 from tracer.engine.records import write_record
 from tracer.engine.refraction import DONE
@@ -60,7 +61,6 @@ from tracer.scene.arrays import (
     F_INSIDE,
     F_KIND,
     F_OBJECT,
-    F_OUTSIDE,
     F_SURFACE,
     F_TRIANGLE,
     L_MEDIUM,
@@ -254,26 +254,23 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
             else:
                 nx, ny, nz = face_normal(face_i[met, F_KIND], face_f, met, x, y, z)
             cosine = dx * nx + dy * ny + dz * nz
-            inside, outside = face_i[met, F_INSIDE], face_i[met, F_OUTSIDE]
-            beyond = nest
-            if inside >= 0:
-                if cosine < 0.0:
-                    if outside >= 0:
-                        beyond = leave_body(beyond, outside)
-                    if beyond >= 0:
-                        beyond = enter_body(beyond, inside, body_i)
-                else:
-                    beyond = leave_body(beyond, inside)
-                    if beyond >= 0 and outside >= 0:
-                        beyond = enter_body(beyond, outside, body_i)
-                if beyond < 0 and t < tiny:
-                    # Rounding at an edge: the ray is on the right side already
-                    ignored = True
-                    counters[IGNORED] += 1
-                elif beyond >= 0 and top_body(beyond) == top_body(nest):
-                    ignored = True
-                    nest = beyond
-            own = face
+            beyond, counting = cross_face(
+                scene.contacts, face_i, face_f, scene.pool, body_i, met, nest, cosine, x, y, z
+            )
+            if scene_touches(scene.contacts) and counting != face:
+                # Another face lies here and counts: it gives normal, name and surface
+                met = np.uint32(counting)
+                nx, ny, nz = face_normal(face_i[met, F_KIND], face_f, met, x, y, z)
+                cosine = dx * nx + dy * ny + dz * nz
+            if beyond < 0 and t < tiny:
+                # Rounding at an edge: the ray is on the right side already; get it off the face
+                ignored = True
+                counters[IGNORED] += 1
+                x, y, z = x + tiny * dx, y + tiny * dy, z + tiny * dz
+            elif beyond >= 0 and top_body(beyond) == top_body(nest) and face_i[met, F_INSIDE] >= 0:
+                ignored = True
+                nest = beyond
+            own = np.int64(met)
             if not ignored:
                 obj, triangle = face_i[met, F_OBJECT], face_i[met, F_TRIANGLE]
                 sx, sy, sz, shading = nx, ny, nz, cosine

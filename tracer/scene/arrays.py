@@ -110,6 +110,13 @@ class RareLight(NamedTuple):
     targets: F64
 
 
+class Contacts(NamedTuple):
+    """Faces that may lie on face f: entries first[f] to first[f + 1] of ``face``."""
+
+    first: I64
+    face: I64
+
+
 class CompiledScene(NamedTuple):
     """All that a trace needs.
 
@@ -127,6 +134,7 @@ class CompiledScene(NamedTuple):
     sphere : center and radius of the bounding sphere
     limits : most points of a ray, medium of the world, whether any detector is virtual
     rare : settings of the weighted mode; None in the analog one, where the compiler leaves it out
+    contacts : flat faces that lie on one another; None where there are none
     light_pool, light_rays : tables of sources (`tracer.scene.light_pool`); None where all are plain
     views : detectors that are no planes; None where there are none
     """
@@ -155,6 +163,7 @@ class CompiledScene(NamedTuple):
     sphere: F64
     limits: I64
     rare: RareLight | None = None
+    contacts: Contacts | None = None
     light_pool: F64 | None = None
     light_rays: NDArray[np.float32] | None = None
     views: Views | None = None

@@ -38,6 +38,7 @@ from tracer.scene.arrays import (
     RareLight,
 )
 from tracer.scene.candidates import find_candidates
+from tracer.scene.contacts import find_contacts
 from tracer.scene.detectors import DetectorTable
 from tracer.scene.faces import FaceTable, given_parameters
 from tracer.scene.media import medium_table
@@ -121,6 +122,14 @@ class _Compiler:
         plain = _plain_faces(face_i, surface_i, self.media.integers)
         if rare is not None or detectors.virtual or detectors.views is not None:
             plain[:] = 0
+        contacts = find_contacts(
+            [p.shape for p in faces.primitives],
+            [p.object for p in faces.primitives],
+            [p.inside >= 0 for p in faces.primitives],
+            radius,
+        )
+        if contacts is not None:
+            plain[np.diff(contacts.first) > 0] = 0
         arrays = CompiledScene(
             face_i=face_i,
             face_f=face_f,
@@ -152,6 +161,7 @@ class _Compiler:
             sphere=np.array([*center, radius]),
             limits=np.array([scene.limits.depth, world, detectors.virtual], np.int64),
             rare=rare,
+            contacts=contacts,
             light_pool=sources.pool,
             light_rays=sources.rays,
             views=detectors.views,
