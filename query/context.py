@@ -61,6 +61,9 @@ class StoredRays(Protocol):
     def column_names(self) -> tuple[str, ...]: ...
     def column(self, name: str) -> NDArray[Any]: ...
     def color_table(self) -> NDArray[np.uint16]: ...
+    def normals_at(
+        self, records: Ints, faces: Ints, position: NDArray[np.float32]
+    ) -> NDArray[np.int16]: ...
 
 
 def offsets_of(counts: Ints) -> NDArray[np.int64]:
@@ -314,7 +317,7 @@ class RayContext(Context):
     @cached_property
     def uv(self) -> NDArray[np.uint16]:
         self.check()
-        uv = self.portion.descriptors().uv
+        uv = self.portion.column("uv")
         return uv if self.descriptor_rows is None else uv[self.descriptor_rows]
 
     @cached_property
@@ -323,11 +326,10 @@ class RayContext(Context):
         self.check()
         return self.portion.column("position")
 
-    @cached_property
-    def normal(self) -> NDArray[np.int16]:
-        """(records of the portion, 3), to be used with `starts`."""
+    def normals_at(self, records: Ints, faces: Ints) -> NDArray[np.int16]:
+        """(n, 3) normals of records of the portion, whose faces are known."""
         self.check()
-        return self.portion.column("normal")
+        return self.portion.normals_at(records, faces, self.position)
 
     @cached_property
     def weight(self) -> NDArray[np.float64]:
@@ -362,7 +364,8 @@ class RayContext(Context):
     def last_color(self) -> Ints:
         """(n_rays,) colour code of each ray's last record."""
         self.check()
-        return self.portion.column("color_code")[self.ends]
+        column = self.portion.column("last_color")
+        return column if self.rays is None else column[self.rays]
 
     @cached_property
     def wavelength(self) -> NDArray[np.float64]:

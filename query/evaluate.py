@@ -21,10 +21,12 @@ from query.scans import (
     any_before_last,
     any_of_ray,
     count_of_ray,
+    expand_rows,
     look_up,
     mark_events,
     match_path,
     match_sequence,
+    ray_offsets,
 )
 from query.surface_parameters import COMPARISONS
 from raymap.schema import UV_SCALE
@@ -375,15 +377,41 @@ def _lengths(context: RayContext, optical: bool) -> NDArray[np.float64]:
 
 
 def _incidence(context: Context, node: b.BoundIncidence) -> Pair:
-    points = at_points(context, node.point)
     if not isinstance(context, RayContext):
+        points = at_points(context, node.point)
         met = _map(points, lambda mask: any_of_ray(mask, context.offsets))
         return Pair(np.zeros_like(met.possible), met.possible)
-    on_surface = points.certain & (context.object >= 0)
-    angles = incidence_angles(
-        context.position, context.normal, context.starts, context.offsets, on_surface
-    )
-    return _both(any_of_ray(_compare(node.operator, angles, node.value), context.offsets))
+    ray, step, face = _surface_points(context, node.point)
+    records = context.starts[ray] + step
+    normal = context.normals_at(records, face)
+    angles = incidence_angles(context.position, normal, records)
+    found = np.zeros(context.n_rays, np.bool_)
+    found[ray[_compare(node.operator, angles, node.value)]] = True
+    return _both(found)
+
+
+def _surface_points(
+    context: RayContext, node: b.BoundNode
+) -> tuple[NDArray[np.integer], NDArray[np.integer], NDArray[np.integer]]:
+    """Ray, step along it and face of the points on surfaces that satisfy a node, emission aside."""
+    if node.streams:
+        marked = at_points(context, node).certain & (context.object >= 0)
+        chosen = np.flatnonzero(marked)
+        ray = np.searchsorted(context.offsets, chosen, side="right") - 1
+        step = chosen - context.offsets[ray]
+        later = step > 0
+        return ray[later], step[later], context.face[chosen[later]]
+    # The paths say which points: list them per path, then per ray
+    base = context.base
+    marked = at_points(base, node).certain & (base.object >= 0)
+    marked[base.offsets[:-1]] = False
+    places = np.flatnonzero(marked)
+    ends = np.searchsorted(places, base.offsets)
+    offsets = ray_offsets(ends, context.path)
+    rows = expand_rows(ends[:-1][context.path], offsets)
+    ray = np.repeat(np.arange(context.n_rays), np.diff(offsets))
+    place = places[rows]
+    return ray, place - base.offsets[:-1][context.path[ray]], base.face[place]
 
 
 def _recorded(context: Context, node: b.BoundRecorded) -> Pair:

@@ -363,7 +363,7 @@ def _cells(found: Found, number: int, detector: int, width: int, factors: Floats
     if not len(rays):
         return None
     portion = found.portion
-    place = portion.descriptors().cell[descriptors].astype(np.int64)
+    place = portion.column("cell")[descriptors].astype(np.int64)
     flux = factors[found.paths.base.source[found.paths.of_ray[rays]]]
     if portion.has_weights:
         flux = flux * portion.column("weight")[rays]

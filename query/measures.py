@@ -18,9 +18,10 @@ Ints = NDArray[np.integer]
 @kernel
 def _distance(position: NDArray[np.float32], row: int) -> float:
     """Length of the segment that starts at a row."""
-    dx = float(position[row + 1, 0]) - float(position[row, 0])
-    dy = float(position[row + 1, 1]) - float(position[row, 1])
-    dz = float(position[row + 1, 2]) - float(position[row, 2])
+    here, there = np.uint64(row), np.uint64(row + 1)
+    dx = float(position[there, 0]) - float(position[here, 0])
+    dy = float(position[there, 1]) - float(position[here, 1])
+    dz = float(position[there, 2]) - float(position[here, 2])
     return math.sqrt(dx * dx + dy * dy + dz * dz)
 
 
@@ -91,35 +92,29 @@ def optical_lengths(
 
 @kernel
 def incidence_angles(
-    position: NDArray[np.float32],
-    normal: NDArray[np.int16],
-    starts: Ints,
-    offsets: Ints,
-    mask: NDArray[np.bool_],
+    position: NDArray[np.float32], normal: NDArray[np.int16], records: Ints
 ) -> Floats:
-    """Angle between the arriving ray and the normal at marked points [deg]; NaN elsewhere.
+    """Angle between the arriving ray and the normal [deg]; NaN where either has no length.
 
     Parameters
     ----------
-    starts : (n_rays,) first record; offsets : (n_rays + 1,) points of the rays in ``mask``
+    position : (n_records, 3) of the portion
+    normal : (n, 3) at the records; records : (n,), none of them the first of a ray
     """
-    out = np.full(len(mask), np.nan)
-    for ray in range(len(starts)):
-        for point in range(offsets[ray] + 1, offsets[ray + 1]):
-            if not mask[point]:
-                continue
-            row = starts[ray] + point - offsets[ray]
-            # Direction of arrival and the normal, both unnormalised.
-            dot = 0.0
-            d2 = 0.0
-            n2 = 0.0
-            for axis in range(3):
-                d = float(position[row, axis]) - float(position[row - 1, axis])
-                n = float(normal[row, axis])
-                dot += d * n
-                d2 += d * d
-                n2 += n * n
-            if d2 > 0.0 and n2 > 0.0:
-                cos_i = min(abs(dot) / math.sqrt(d2 * n2), 1.0)
-                out[point] = math.degrees(math.acos(cos_i))
+    out = np.full(len(records), np.nan)
+    for point in range(len(records)):
+        row = np.uint64(records[point])
+        before = row - np.uint64(1)
+        dot = 0.0
+        d2 = 0.0
+        n2 = 0.0
+        for axis in range(3):
+            d = float(position[row, axis]) - float(position[before, axis])
+            n = float(normal[point, axis])
+            dot += d * n
+            d2 += d * d
+            n2 += n * n
+        if d2 > 0.0 and n2 > 0.0:
+            cos_i = min(abs(dot) / math.sqrt(d2 * n2), 1.0)
+            out[point] = math.degrees(math.acos(cos_i))
     return out

@@ -63,7 +63,7 @@ def find_peaks(
             return np.zeros(0, np.int64), np.zeros(0)
         paths = found.paths.of_ray[rays]
         mine = path_keys(found.paths.base, by).take(paths)
-        cells = found.portion.descriptors().cell[descriptors].astype(np.int64)
+        cells = found.portion.column("cell")[descriptors].astype(np.int64)
         weight = factors[found.paths.base.source[paths]]
         if found.portion.has_weights:
             weight = weight * found.portion.column("weight")[rays]

@@ -22,11 +22,13 @@ __all__ = [
     "imply_normals",
     "join_coordinates",
     "normal_residuals",
+    "normals_of_records",
     "position_residuals",
     "resolve_codes",
     "solve_positions",
 ]
 
+Integer = int | np.integer
 _SCALE = float(NORMAL_SCALE)
 _LARGEST = 3.4e38
 _NEAR = 256
@@ -247,7 +249,7 @@ def solve_positions(
 
 @kernel
 def _gradient(
-    g: NDArray[np.float64], q: int, position: NDArray[np.float32], i: int
+    g: NDArray[np.float64], q: int, position: NDArray[np.float32], i: Integer
 ) -> tuple[int, int, int]:
     """Normal of quadric q at the stored position."""
     x = np.float64(position[i, 0])
@@ -262,10 +264,10 @@ def _gradient(
 
 @kernel
 def _from_before(
-    i: int,
+    i: Integer,
     code: int,
     primitive: int,
-    source: int,
+    source: Integer,
     position: NDArray[np.float32],
     emission: NDArray[np.int16],
     remembered: NDArray[np.int16],
@@ -474,3 +476,23 @@ def decode_normals(
             normal[i, 2] = _unfold(z[i], pz)
             if code < 0:
                 _remember(i, code, primitive, sources[ray], normal, emission, remembered)
+
+
+@kernel
+def normals_of_records(
+    records: NDArray[np.int64],
+    codes: NDArray[np.int32],
+    gradient: NDArray[np.float64],
+    position: NDArray[np.float32],
+    x: NDArray[np.uint16],
+    y: NDArray[np.uint16],
+    z: NDArray[np.uint16],
+    normal: NDArray[np.int16],
+) -> None:
+    """As `decode_normals`, of some records on quadrics; ``codes`` and ``normal`` are theirs."""
+    for k in range(records.size):
+        i = np.uint64(records[k])
+        px, py, pz = _gradient(gradient, codes[k], position, i)
+        normal[k, 0] = _unfold(x[i], px)
+        normal[k, 1] = _unfold(y[i], py)
+        normal[k, 2] = _unfold(z[i], pz)

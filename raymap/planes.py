@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from raymap.kernels import kernel
 
-__all__ = ["join_planes", "split_planes", "split_positions"]
+__all__ = ["join_coordinate", "join_planes", "split_planes", "split_positions"]
 
 
 @kernel
@@ -115,3 +115,22 @@ def join_planes(planes: Sequence[NDArray[np.uint8]], dtype: np.dtype[Any]) -> ND
         for number, plane in enumerate(planes):
             interleaved[:, number] = plane
     return values
+
+
+@kernel
+def join_coordinate(
+    p0: NDArray[np.uint8],
+    p1: NDArray[np.uint8],
+    p2: NDArray[np.uint8],
+    p3: NDArray[np.uint8],
+    axis: int,
+    bits: NDArray[np.uint32],
+) -> None:
+    """Write one coordinate of points (n, 3), given as bits, from its byte planes."""
+    for i in range(p0.size):
+        bits[i, axis] = (
+            np.uint32(p0[i])
+            | (np.uint32(p1[i]) << np.uint32(8))
+            | (np.uint32(p2[i]) << np.uint32(16))
+            | (np.uint32(p3[i]) << np.uint32(24))
+        )

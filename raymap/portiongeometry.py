@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.errors import FormatError
 from raymap.portion import Descriptors
 from raymap.portionmeta import DESCRIPTOR_STREAMS, Encoding
 from raymap.portionstreams import PortionStreams
@@ -32,6 +33,21 @@ class PortionGeometry(PortionStreams):
         return Descriptors(
             detector=detector, cell=cell, cosine=cosine, uv=uv, registered=registered
         )
+
+    def _column_uv(self) -> NDArray[np.uint16]:
+        """(n_descriptors, 2) places on the detectors x 65535."""
+        return self._pair(DESCRIPTOR_STREAMS[3:], "uv")
+
+    def _column_cell(self) -> NDArray[np.uint16]:
+        """(n_descriptors, 2) cells of the detectors."""
+        return self._pair(DESCRIPTOR_STREAMS[:2], "cell")
+
+    def _pair(self, names: tuple[str, ...], field: str) -> NDArray[np.uint16]:
+        """Two of the streams of descriptors, without the others where they stand for themselves."""
+        if self._index.meta.encodings & Encoding.CROSSINGS or self.n_descriptors == 0:
+            return getattr(self.descriptors(), field)  # type: ignore[no-any-return]
+        columns = [self._stream(name, self.n_descriptors, np.uint16) for name in names]
+        return np.stack(columns, 1)
 
     def _plain_descriptors(self) -> tuple[NDArray[Any], ...]:
         n = self.n_descriptors
@@ -121,7 +137,7 @@ class PortionGeometry(PortionStreams):
         out = np.empty((self.n_records, 3), np.float32)
         if not solve_faces and not solve_sphere:
             for axis, name in enumerate("xyz"):
-                out[:, axis] = self._stream(f"position.{name}", self.n_records, np.float32)
+                self._read_coordinate(f"position.{name}", axis, out)
             return out
         from raymap.geometry import join_coordinates, solve_positions
 
@@ -156,8 +172,58 @@ class PortionGeometry(PortionStreams):
         )
         return out
 
+    def _read_coordinate(self, name: str, axis: int, out: NDArray[np.float32]) -> None:
+        from raymap.planes import join_coordinate
+        from raymap.streams import decode_planes
+
+        try:
+            entries = self._streams.get(name, [])
+            planes = decode_planes(entries, self.fetch, self.n_records, np.float32)
+        except FormatError as error:
+            raise self._damaged(str(error)) from None
+        if planes is None:
+            out[:, axis] = self._stream(name, self.n_records, np.float32)
+        else:
+            p0, p1, p2, p3 = planes
+            join_coordinate(p0, p1, p2, p3, axis, out.view(np.uint32))
+
     def _column_normal(self) -> NDArray[np.int16]:
         return self._normals(None)
+
+    def normals_at(
+        self,
+        records: NDArray[np.integer],
+        faces: NDArray[np.integer],
+        position: NDArray[np.float32],
+    ) -> NDArray[np.int16]:
+        """(n, 3) normals of some records, without those of all others where faces say them.
+
+        Parameters
+        ----------
+        records : (n,) places in the portion; faces : (n,) their faces
+        position : (n_records, 3), the column
+        """
+        codes = self._map.shapes.face_code[np.maximum(faces, 0)]
+        if not self._index.meta.encodings & Encoding.NORMALS or bool(
+            ((faces < 0) | (codes < 0)).any()
+        ):
+            column: NDArray[np.int16] = self._normals(position)
+            return column[np.asarray(records)]
+        from raymap.geometry import normals_of_records
+
+        n = self.n_records
+        out = np.empty((len(records), 3), np.int16)
+        normals_of_records(
+            np.asarray(records, np.int64),
+            np.asarray(codes, np.int32),
+            self._map.shapes.gradient,
+            position,
+            self._stream("normal.x", n, np.uint16),
+            self._stream("normal.y", n, np.uint16),
+            self._stream("normal.z", n, np.uint16),
+            out,
+        )
+        return out
 
     def _normals(self, position: NDArray[np.float32] | None) -> NDArray[np.int16]:
         """Normals; residuals need the positions, which may be there already."""

@@ -52,7 +52,8 @@ class StoredPortion(PortionGeometry):
         return (*rays, *_RECORD_COLUMNS, *extras)
 
     def column(self, name: str) -> NDArray[Any]:
-        """A column by name: one row per record, or per ray ("source", "weight", "emission").
+        """A column by name: one row per record, per ray ("source", "weight", "emission"), or per
+        meeting with a detector ("uv", "cell").
 
         Raises
         ------
@@ -183,6 +184,23 @@ class StoredPortion(PortionGeometry):
             if not sound:
                 raise self._damaged("runs of colour do not fit the rays")
         top = channels + self._color_rows()
+        if len(codes) and not 0 <= int(codes.min()) <= int(codes.max()) < top:
+            raise self._damaged("a colour code is not in the colour table")
+        return codes
+
+    def _column_last_color(self) -> NDArray[np.int32]:
+        """(n_rays,) colour code of each ray's last record, without those of all others."""
+        if "color.code" in self._streams:
+            return self._column_color_code()[self.record_offsets()[1:] - 1]
+        later = self._stream("color.later", None, np.int32)
+        codes = self._stream("color.first", self.n_rays, np.int32).copy()
+        changes = self._stream("color.changes", self.n_rays, np.int32)
+        runs = np.cumsum(changes, dtype=np.int64)
+        if self.n_rays and (int(changes.min()) < 0 or int(runs[-1]) != len(later)):
+            raise self._damaged("runs of colour do not fit the rays")
+        changed = changes > 0
+        codes[changed] = later[runs[changed] - 1]
+        top = self._map.channel_sets[self.channel_set].n_channels + self._color_rows()
         if len(codes) and not 0 <= int(codes.min()) <= int(codes.max()) < top:
             raise self._damaged("a colour code is not in the colour table")
         return codes

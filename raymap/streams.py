@@ -31,6 +31,7 @@ __all__ = [
     "StreamSet",
     "decode_bytes",
     "decode_column",
+    "decode_planes",
     "kind_of",
     "stream_rows",
 ]
@@ -236,6 +237,24 @@ def decode_bytes(entry: StreamEntry, stored: bytes) -> bytes | NDArray[np.uint8]
             pass
         raise FormatError(f"stream {entry.name!r} does not decompress to {entry.raw_size} bytes")
     raise FormatError(f"stream {entry.name!r}: codec {entry.codec} is unknown or its sizes differ")
+
+
+def decode_planes(
+    entries: Sequence[StreamEntry], fetch: Callable[[StreamEntry], bytes], rows: int, dtype: Any
+) -> list[NDArray[np.uint8]] | None:
+    """The byte planes of a column of numbers; None where it is not stored in planes.
+
+    Raises
+    ------
+    FormatError
+        Damage, or another number of rows.
+    """
+    wanted = np.dtype(dtype)
+    if [entry.plane for entry in entries] != list(range(wanted.itemsize)):
+        return None
+    if any((KINDS.get(e.kind), e.width, e.raw_size) != (wanted, 1, rows) for e in entries):
+        return None
+    return [_retyped(np.frombuffer(decode_bytes(e, fetch(e)), np.uint8)) for e in entries]
 
 
 def decode_column(
