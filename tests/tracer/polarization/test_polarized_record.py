@@ -398,3 +398,12 @@ def test_meshes_polarise_like_other_bodies(tmp_path: Path) -> None:
         assert reflected / 20_000 == pytest.approx(0.5 * (1 - (3 / 3.25) ** 2), abs=4e-3)
     np.testing.assert_allclose(mesh, box, rtol=0.05)
     assert mesh[3] == pytest.approx(box[3], abs=1e-4)
+
+
+def test_a_source_may_be_polarised_in_the_scene() -> None:
+    lamp = beam("[0, 0, 1]", "[0, 0, -20]", "polarisation = [1, 1, 0]")
+    portion = traced(lamp, 50)
+    np.testing.assert_allclose(portion.extra["stokes"][0], [0.0, 1.0, 0.0], atol=1e-6)
+    # What the call says goes before what the scene says
+    portion = traced(lamp, 50, sources={"lamp": (1.0, 0.0, 0.0)})
+    np.testing.assert_allclose(portion.extra["stokes"][0], [1.0, 0.0, 0.0], atol=1e-6)
