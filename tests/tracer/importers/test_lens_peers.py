@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import tempfile
 import warnings
 from functools import cache
 from pathlib import Path
@@ -12,6 +14,7 @@ import pytest
 
 import raymap
 from tracer.importers.lens_scene import ImportedLens, import_lens
+from tracer.importers.text import read_text
 from tracer.record import record
 from tracer.scene.load import load_scene
 from tracer.scene.model import Scene
@@ -30,12 +33,17 @@ def opened(name: str) -> tuple[ImportedLens, Scene]:
 
 @cache
 def read_by_peer(name: str) -> Any:
+    """The surfaces as the peer reads them; with model glasses, whose names it need not look up."""
     pytest.importorskip("optiland")
-    with warnings.catch_warnings():
+    text = read_text(LENSES / f"{name}.zmx")
+    text = re.sub(r"GLAS (?!MIRROR)\S+ .*", "GLAS ___BLANK 1 0 1.5 50 0 0 0 0 0 0", text)
+    with warnings.catch_warnings(), tempfile.TemporaryDirectory() as folder:
         warnings.simplefilter("ignore")
         from optiland.fileio import load_zemax_file
 
-        return load_zemax_file(str(LENSES / f"{name}.zmx")).surfaces
+        file = Path(folder) / "lens.zmx"
+        file.write_text(text, encoding="utf-8")
+        return load_zemax_file(str(file)).surfaces
 
 
 class Peer:
@@ -77,6 +85,16 @@ def design_rays(lens: ImportedLens) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("name", FILES)
 def test_chief_and_marginal_rays_agree_at_every_surface(name: str) -> None:
+    compare_rays(name, every_wavelength=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FILES)
+def test_rays_agree_at_every_wavelength(name: str) -> None:
+    compare_rays(name, every_wavelength=True)
+
+
+def compare_rays(name: str, *, every_wavelength: bool) -> None:
     lens, scene = opened(name)
     origins, directions = design_rays(lens)
     faces = lens.elements.face_of
@@ -87,6 +105,8 @@ def test_chief_and_marginal_rays_agree_at_every_surface(name: str) -> None:
         if surface.number in faces or k == last
     ]
     for channel, wavelength in enumerate(lens.prescription.wavelengths_nm):
+        if not (every_wavelength or channel == lens.prescription.primary):
+            continue
         expected = Peer(name, lens, channel).points(origins, directions)
         # In the order of the file: every surface, the stop and dummies too
         ours = lens.sequence.trace(origins, directions, channel).points
@@ -106,7 +126,9 @@ def test_chief_and_marginal_rays_agree_at_every_surface(name: str) -> None:
         assert compared >= 0.4 * len(origins)
 
 
-@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize(
+    "name", [FILES[0], *(pytest.param(name, marks=pytest.mark.slow) for name in FILES[1:])]
+)
 def test_the_recorded_spot_is_that_of_the_peer(name: str, tmp_path: Path) -> None:
     lens, scene = opened(name)
     record(scene, tmp_path / "lens.raymap", rays=6000, seed=3, threads=1)
