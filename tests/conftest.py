@@ -16,7 +16,7 @@ _ROOT = Path(__file__).resolve().parent.parent
 
 def _source_hash() -> str:
     digest = hashlib.sha256()
-    for room in ("raymap", "tracer", "query", "viewer", "tests"):
+    for room in ("raymap", "tracer", "query", "viewer", "service", "tests"):
         for source in sorted((_ROOT / room).rglob("*.py")):
             digest.update(source.read_bytes())
     return digest.hexdigest()[:16]
