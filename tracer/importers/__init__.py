@@ -1,8 +1,8 @@
 """Files of other programs as scenes: lens prescriptions (Zemax, CODE V) and CAD (STEP).
 
 The way of a lens file: text -> `Prescription` (surfaces in their order) -> `Sequence` and `Bundles`
-(its rays) -> `Elements` (parts in space, fitted together) -> tables of a scene. The way of a STEP file:
-`CadSolid` -> a body in closed form, or triangles with exact normals.
+(its rays) -> `Elements` (parts in space, fitted together) -> tables of a scene. The way of a STEP
+file: `CadSolid` -> a body in closed form, or triangles with exact normals.
 """
 
 from __future__ import annotations
