@@ -227,7 +227,7 @@ def room(folder: Path) -> None:
         )  # fmt: skip
         state = ViewState(camera=camera, opacity=0.5, body_opacity=1.5, width=1.2)
         scene = picture(
-            found, f"{desk} & count(hit(\"*\", reflected)) >= 1", rays=160, size=(820, 640),
+            found, 'hit("*_wall", reflected) -> detected("desk")', rays=160, size=(820, 640),
             state=state,
         )  # fmt: skip
         save(Image.fromarray(scene), "room")
