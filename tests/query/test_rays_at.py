@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ import query
 import raymap
 from query.rays_at import rays_at, write_ray_file
 from raymap import rayfiles
+from raymap.cli import main
 from raymap.errors import RayMapError, UnknownName
 from raymap.rayfiles import RaySet
 
@@ -211,31 +211,40 @@ def test_refusals(tmp_path: Path, watt: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def run(*words: object) -> subprocess.CompletedProcess[str]:
-    start = "from raymap.cli import main; main()"
-    command = [sys.executable, "-c", start, *map(str, words)]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Any:
+    """The command line: exit code, stdout, stderr."""
+
+    def command(*words: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["raymap", *map(str, words)])
+        code = 0
+        try:
+            main()
+        except SystemExit as end:
+            code = int(end.code or 0)
+        out = capsys.readouterr()
+        return code, out.out, out.err
+
+    return command
 
 
-def test_commands(tmp_path: Path, watt: Path) -> None:
+def test_commands(tmp_path: Path, watt: Path, run: Any) -> None:
     out = tmp_path / "key.tm25ray"
-    done = run("rayfile", watt, "key.z_min", 'hit("plate")', "-o", out, "--json")
-    assert done.returncode == 0, done.stderr
-    written = json.loads(done.stdout)
+    code, text, error = run("rayfile", watt, "key.z_min", 'hit("plate")', "-o", out, "--json")
+    assert code == 0, error
+    written = json.loads(text)
     assert written["rays"] > 100
     assert written["flux_unit"] == "W"
-    done = run("check-rays", out, "-o", tmp_path / "key.sdf", "--json")
-    found = json.loads(done.stdout)
+    found = json.loads(run("check-rays", out, "-o", tmp_path / "key.sdf", "--json")[1])
     assert found["rays"] == written["rays"]
     assert found["flux"] == pytest.approx(written["flux"], rel=1e-6)
-    done = run("check-rays", tmp_path / "key.sdf")
-    assert "wavelengths: 464 to 611 nm" in done.stdout
-    assert run("rayfile", watt, "key", "-o", out).returncode == 1
-    assert run("rayfile", watt, "key", "-o", out, "--force").returncode == 0
-    done = run("query", watt, "-o", tmp_path / "x.sdf")
-    assert done.returncode == 1
-    assert "raymap rayfile" in done.stderr
+    assert "wavelengths: 464 to 611 nm" in run("check-rays", tmp_path / "key.sdf")[1]
+    assert run("rayfile", watt, "key", "-o", out)[0] == 1
+    assert run("rayfile", watt, "key", "-o", out, "--force")[0] == 0
+    code, _, error = run("query", watt, "-o", tmp_path / "x.sdf")
+    assert code == 1
+    assert "raymap rayfile" in error
     out.write_bytes(out.read_bytes()[:-1])
-    done = run("check-rays", out)
-    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
-    assert done.stderr.startswith("error: key.tm25ray: its header promises")
+    code, _, error = run("check-rays", out)
+    assert (code, error.count("\n")) == (1, 1)
+    assert error.startswith("error: key.tm25ray: its header promises")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import json
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ import numpy as np
 import pytest
 
 import raymap
+from raymap.cli import main
 from raymap.errors import MapExists, RayMapError
 from viewer.answers import draw_rays
 from viewer.export import METRES
@@ -198,14 +198,26 @@ def test_nothing_selected(small_map: raymap.RayMap, tmp_path: Path, suffix: str)
     assert (tmp_path / f"a{suffix}").stat().st_size > 100
 
 
-def test_the_command(map_path: Path, tmp_path: Path) -> None:
-    def run(*words: object) -> subprocess.CompletedProcess[str]:
-        start = "from raymap.cli import main; main()"
-        command = [sys.executable, "-c", start, *map(str, words)]
-        return subprocess.run(command, capture_output=True, text=True, check=False)
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Any:
+    """The command line: exit code, stdout, stderr."""
 
-    done = run("export-3d", map_path, "-o", tmp_path / "a.glb", "--rays", 7, "--json")
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["rays"] == 7
-    done = run("export-3d", map_path, "-o", tmp_path / "a.glb")
-    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
+    def command(*words: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["raymap", *map(str, words)])
+        code = 0
+        try:
+            main()
+        except SystemExit as end:
+            code = int(end.code or 0)
+        out = capsys.readouterr()
+        return code, out.out, out.err
+
+    return command
+
+
+def test_the_command(map_path: Path, tmp_path: Path, run: Any) -> None:
+    code, text, error = run("export-3d", map_path, "-o", tmp_path / "a.glb", "--rays", 7, "--json")
+    assert code == 0, error
+    assert json.loads(text)["rays"] == 7
+    code, _, error = run("export-3d", map_path, "-o", tmp_path / "a.glb")
+    assert (code, error.count("\n")) == (1, 1)

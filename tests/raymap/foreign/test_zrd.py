@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-import subprocess
 import sys
 import warnings
 from pathlib import Path
@@ -14,6 +13,7 @@ import pytest
 
 import query
 import raymap
+from raymap.cli import main
 from raymap.errors import MapExists, RayMapError
 from raymap.events import Event
 from raymap.foreign.zrd import SEGMENT, ZrdError
@@ -216,19 +216,31 @@ def test_names_that_nothing_has(tmp_path: Path) -> None:
         import_zrd(file, tmp_path / "a.raymap")
 
 
-def test_the_command(tmp_path: Path) -> None:
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Any:
+    """The command line: exit code, stdout, stderr."""
+
+    def command(*words: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["raymap", *map(str, words)])
+        code = 0
+        try:
+            main()
+        except SystemExit as end:
+            code = int(end.code or 0)
+        out = capsys.readouterr()
+        return code, out.out, out.err
+
+    return command
+
+
+def test_the_command(tmp_path: Path, run: Any) -> None:
     file = write_zrd(tmp_path / "a.zrd", TREES)
-    (tmp_path / "names.toml").write_text('2 = "plate"\n"2.1" = "front"\n')
-
-    def run(*words: object) -> subprocess.CompletedProcess[str]:
-        start = "from raymap.cli import main; main()"
-        command = [sys.executable, "-c", start, *map(str, words)]
-        return subprocess.run(command, capture_output=True, text=True, check=False)
-
-    done = run("import", file, "-o", tmp_path / "a.raymap", "--names", tmp_path / "names.toml")
-    assert done.returncode == 0, done.stderr
-    assert "of 20 ray trees" in done.stdout
+    names = tmp_path / "names.toml"
+    names.write_text('2 = "plate"\n"2.1" = "front"\n')
+    code, text, error = run("import", file, "-o", tmp_path / "a.raymap", "--names", names)
+    assert code == 0, error
+    assert "of 20 ray trees" in text
     with raymap.open(tmp_path / "a.raymap") as ray_map:
         assert "plate.front" in ray_map.describe()["faces"]
-    done = run("import", tmp_path / "names.toml", "-o", tmp_path / "b.raymap")
-    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
+    code, _, error = run("import", names, "-o", tmp_path / "b.raymap")
+    assert (code, error.count("\n")) == (1, 1)
