@@ -196,7 +196,14 @@ blocking = true
 """
 
 
-@pytest.mark.parametrize("surface", SCATTERERS)
+# What needs tables compiles for a minute
+@pytest.mark.parametrize(
+    "surface",
+    [
+        pytest.param(name, marks=[] if name == "lambertian" else [pytest.mark.slow])
+        for name in SCATTERERS
+    ],
+)
 def test_aimed_scatter_brings_the_same_light(surface: str) -> None:
     text = ROOM.format(surface=SCATTERERS[surface])
     mode = 'aim = ["eye", "ball"]\naim_share = 0.4\nmin_reflection = 0.1'
@@ -227,6 +234,7 @@ diameter = 1
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("phase", "g"), [("isotropic", 0.0), ("henyey_greenstein", 0.7)])
 def test_aiming_in_a_cloud_brings_the_same_light(phase: str, g: float) -> None:
     text = FOG.format(phase=phase, g=g)
