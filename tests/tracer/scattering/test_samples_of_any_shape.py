@@ -91,8 +91,9 @@ def test_a_scattering_sphere_keeps_all_light_that_it_does_not_absorb(tmp_path: P
     assert min(light.reflectance, light.transmittance) > 0.1
 
 
-def test_plates_that_overlap_are_one_plate() -> None:
-    text = head(20.0) + plate("first", 0.0, 1.0, "opal") + plate("second", 0.5, 1.5, "opal")
+@pytest.mark.parametrize("end", [0.5, 1.0], ids=["in contact", "overlapping"])
+def test_plates_that_touch_are_one_plate(end: float) -> None:
+    text = head(20.0) + plate("first", 0.0, end, "opal") + plate("second", 0.5, 1.5, "opal")
     light = measure_scene(parse_scene(text), rays=20_000, grid=GRID)[0]
     exact = reflectance_transmittance(MEDIUM, 1.5, 20.0)
     assert_totals(light, exact.reflectance[0, 0], exact.transmittance[0, 0])
