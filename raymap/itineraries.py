@@ -122,7 +122,7 @@ def hash_rays(rays: Itineraries, hashes: NDArray[np.uint64]) -> None:
 
 
 @kernel
-def _same(a: Itineraries, ray_a: int, b: Itineraries, ray_b: int) -> bool:
+def _same(a: Itineraries, ray_a: int | np.integer, b: Itineraries, ray_b: int | np.integer) -> bool:
     """Compare two itineraries in full."""
     one = np.uint64(1)
     at_a, at_b = np.uint64(ray_a), np.uint64(ray_b)

@@ -11,8 +11,9 @@ from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
 import numba
+import numpy as np
 
-__all__ = ["inline_kernel", "inner_kernel", "kernel", "lean_kernel"]
+__all__ = ["inline_kernel", "inner_kernel", "kernel", "lean_kernel", "unsigned"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -61,3 +62,12 @@ def inline_kernel(function: F) -> F:
         no_cfunc_wrapper=True,
     )(function)
     return cast(F, compiled)
+
+
+@inline_kernel
+def unsigned(value: int) -> int:
+    """A number that is not negative, as an index that compiled code need not wrap around.
+
+    Python's negative indices cost a test and an addition at every use of a signed index.
+    """
+    return np.uint32(value)  # type: ignore[return-value]

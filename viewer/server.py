@@ -198,9 +198,9 @@ class RunningServer:
         """Show the page: as a frame in a notebook, else in the browser."""
         shell = sys.modules.get("IPython")
         if shell is not None and shell.get_ipython() is not None:
-            from IPython.display import IFrame, display  # type: ignore[import-not-found]
+            from IPython.display import IFrame, display
 
-            display(IFrame(self.url, width="100%", height=height))
+            display(IFrame(self.url, width="100%", height=height))  # type: ignore[no-untyped-call]
         else:
             webbrowser.open(self.url)
 

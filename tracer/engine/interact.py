@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from raymap.events import Event
-from raymap.kernels import inline_kernel, inner_kernel, lean_kernel
+from raymap.kernels import inline_kernel, inner_kernel, lean_kernel, unsigned
 from tracer.engine.buffers import (
     CODE,
     COLORS,
@@ -191,10 +191,10 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
     kept = 0
     r = counters[RECORDS]
     for slot in range(counters[LIVE]):
-        i = np.uint32(slot)
+        i = unsigned(slot)
         if live_i[HIT, i] == DONE:
             if kept != slot:
-                _pack(live_f, live_i, i, np.uint32(kept))
+                _pack(live_f, live_i, i, unsigned(kept))
             kept += 1
             continue
         x, y, z = live_f[0, i], live_f[1, i], live_f[2, i]
@@ -211,7 +211,7 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
         ignored = False
         cosine, nest_before, medium_before = 0.0, nest, medium
         # Fly freely through a medium that absorbs or scatters
-        if medium_i[np.uint32(medium), M_PARTICIPATING] != 0:
+        if medium_i[unsigned(medium), M_PARTICIPATING] != 0:
             event, t, dx, dy, dz, code, state = fly_freely(
                 medium_i, medium_f, tables, medium, t, dx, dy, dz, code, colors, counters, state
             )
@@ -238,7 +238,7 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
             nx, ny, nz = dx, dy, dz
         elif event == 0:
             # Meet the face: find out where the ray goes if it crosses
-            met = np.uint32(face)
+            met = unsigned(face)
             if face_i[met, F_KIND] == MESH:
                 x, y, z = (
                     live_f[MESH_POINT, i],
@@ -259,7 +259,7 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
             )
             if scene_touches(scene.contacts) and counting != face:
                 # Another face lies here and counts: it gives normal, name and surface
-                met = np.uint32(counting)
+                met = unsigned(counting)
                 nx, ny, nz = face_normal(face_i[met, F_KIND], face_f, met, x, y, z)
                 cosine = dx * nx + dy * ny + dz * nz
             if beyond < 0 and t < tiny:
@@ -270,7 +270,7 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
             elif beyond >= 0 and top_body(beyond) == top_body(nest) and face_i[met, F_INSIDE] >= 0:
                 ignored = True
                 nest = beyond
-            own = np.int64(met)
+            own = int(met)
             if not ignored:
                 obj, triangle = face_i[met, F_OBJECT], face_i[met, F_TRIANGLE]
                 sx, sy, sz, shading = nx, ny, nz, cosine
@@ -290,11 +290,11 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
                     event |= GEOMETRY_ERROR
                 else:
                     body = top_body(beyond)
-                    other = body_i[np.uint32(body), B_MEDIUM] if body >= 0 else world
+                    other = body_i[unsigned(body), B_MEDIUM] if body >= 0 else world
                     happened, crosses, dx, dy, dz, code, state, weight = meet(
-                        rare, twins, ray, ray_i[N_RECORDS, np.uint32(ray)] >= depth, x, y, z,
+                        rare, twins, ray, ray_i[N_RECORDS, unsigned(ray)] >= depth, x, y, z,
                         weight, surface_i, surface_f, medium_i, medium_f, tables,
-                        np.uint32(face_i[met, F_SURFACE]), np.uint32(medium), np.uint32(other),
+                        unsigned(face_i[met, F_SURFACE]), unsigned(medium), unsigned(other),
                         dx, dy, dz, sx, sy, sz, shading, code, colors, counters, state, follow,
                     )  # fmt: skip
                     event |= happened
@@ -323,7 +323,7 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
             along = dx if axis == 0 else (dy if axis == 1 else dz)
             key = 2 * face + (1 if along >= 0.0 else 0)
         if not ignored:
-            if ray_i[N_RECORDS, np.uint32(ray)] >= depth and event & ENDING == 0:
+            if ray_i[N_RECORDS, unsigned(ray)] >= depth and event & ENDING == 0:
                 event = (event & RIM_HIT) | DEPTH_LIMIT
             turned_off = twin_event(twins, event)
             event, weight, state = end_faint_ray(rare, event, weight, state)
@@ -334,7 +334,7 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
                 exact[r, 0], exact[r, 1], exact[r, 2] = x, y, z
             last = r
             r += 1
-            ray_i[N_RECORDS, np.uint32(ray)] += 1
+            ray_i[N_RECORDS, unsigned(ray)] += 1
             if turned_off != 0:
                 twin = release_twin(
                     twins, b, ray, r, x, y, z, nx, ny, nz, cosine, face, face_i[face, F_AXIS],
@@ -346,10 +346,10 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
                 )  # fmt: skip
                 r += 1
             if event & ENDING != 0:
-                ray_f[np.uint32(ray)] = weight
+                ray_f[unsigned(ray)] = weight
                 continue
         # Go on
-        k = np.uint32(kept)
+        k = unsigned(kept)
         live_f[0, k], live_f[1, k], live_f[2, k] = x, y, z
         live_f[3, k], live_f[4, k], live_f[5, k] = dx, dy, dz
         live_f[WEIGHT, k] = weight
@@ -365,7 +365,7 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
 
 
 @inner_kernel
-def _pack(live_f: F64, live_i: I64, i: np.uint32, k: np.uint32) -> None:
+def _pack(live_f: F64, live_i: I64, i: int, k: int) -> None:
     """Move a ray to a slot before its own."""
     for row in range(6):
         live_f[row, k] = live_f[row, i]

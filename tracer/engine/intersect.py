@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from raymap.kernels import inner_kernel
+from raymap.kernels import inner_kernel, unsigned
 from tracer.engine.buffers import BUNDLE, HIT, KEY, ORDER, Buffers, T
 from tracer.engine.buffers import OWN as LIVE_OWN
 from tracer.engine.refraction import follow_settled
@@ -31,13 +31,13 @@ def sort_by_departure(live_i: I64, n: int, bins: I64) -> None:
     for k in range(len(bins)):
         bins[k] = 0
     for i in range(n):
-        bins[np.uint32(live_i[KEY, i] + 1)] += 1
+        bins[unsigned(live_i[KEY, i] + 1)] += 1
     for k in range(1, len(bins)):
         bins[k] += bins[k - 1]
     for i in range(n):
-        key = np.uint32(live_i[KEY, i])
+        key = unsigned(live_i[KEY, i])
         place = bins[key]
-        live_i[ORDER, np.uint32(place)] = i
+        live_i[ORDER, unsigned(place)] = i
         bins[key] = place + 1
 
 
@@ -85,7 +85,7 @@ def nearest_hits(scene: CompiledScene, b: Buffers, n: int, refract: bool) -> Non
                     if m == 0:
                         break
             for j in range(m):
-                i = np.uint32(bundle_i[_SLOT, j])
+                i = unsigned(bundle_i[_SLOT, j])
                 live_f[T, i] = bundle_f[DISTANCE + row, j]
                 code = bundle_i[1 + row, j]
                 live_i[HIT, i] = code if code < n_faces else code - n_faces
@@ -94,7 +94,7 @@ def nearest_hits(scene: CompiledScene, b: Buffers, n: int, refract: bool) -> Non
 @inner_kernel
 def _gather(live_f: F64, live_i: I64, start: int, m: int, bundle_f: F64, bundle_i: I64) -> None:
     for j in range(m):
-        i = np.uint32(live_i[ORDER, np.uint32(start + j)])
+        i = unsigned(live_i[ORDER, unsigned(start + j)])
         bundle_i[_SLOT, j] = i
         bundle_i[OWN, j] = live_i[LIVE_OWN, i]
         bundle_i[1, j] = -1
@@ -124,9 +124,9 @@ def _keep_beyond(
     kept = 0
     for j in range(m):
         t = bundle_f[DISTANCE + row, j]
-        i = np.uint32(bundle_i[_SLOT, j])
+        i = unsigned(bundle_i[_SLOT, j])
         if t > bound:
-            to = np.uint32(kept)
+            to = unsigned(kept)
             bundle_i[_SLOT, to] = i
             bundle_i[OWN, to] = bundle_i[OWN, j]
             bundle_i[1 + row, to] = bundle_i[1 + row, j]
@@ -150,12 +150,12 @@ def _keep_unsettled(
     kept = 0
     for j in range(m):
         code = bundle_i[1 + row, j]
-        i = np.uint32(bundle_i[_SLOT, j])
-        if code >= 0 and settle[key, np.uint32(code)] <= place:
+        i = unsigned(bundle_i[_SLOT, j])
+        if code >= 0 and settle[key, unsigned(code)] <= place:
             live_f[T, i] = bundle_f[DISTANCE + row, j]
             live_i[HIT, i] = code if code < n_faces else code - n_faces
         else:
-            to = np.uint32(kept)
+            to = unsigned(kept)
             bundle_i[_SLOT, to] = i
             bundle_i[OWN, to] = bundle_i[OWN, j]
             bundle_i[1 + row, to] = code

@@ -35,7 +35,7 @@ def _mix(word: np.uint64) -> np.uint64:
 
 
 @kernel
-def stream_state(seed: int, ray_id: int) -> np.uint64:
+def stream_state(seed: int | np.integer, ray_id: int | np.integer) -> np.uint64:
     """State from which ray ``ray_id`` of a trace with ``seed`` draws its numbers."""
     key = _mix(np.uint64(seed) + _GOLDEN)
     return _mix(key ^ (np.uint64(ray_id) * _MIX_2 + _GOLDEN))

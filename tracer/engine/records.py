@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.kernels import inline_kernel
+from raymap.kernels import inline_kernel, unsigned
 from tracer.engine.buffers import (
     CHAIN,
     COUNT,
@@ -34,7 +34,7 @@ def write_record(
     ray: int,
 ) -> None:  # fmt: skip
     """Write record ``r``."""
-    row = np.uint32(r)
+    row = unsigned(r)
     real[row, X], real[row, Y], real[row, Z] = x, y, z
     p = np.int64(math.floor(nx * 32767.0 + 0.5))
     q = np.int64(math.floor(ny * 32767.0 + 0.5))

@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from raymap.events import Event
-from raymap.kernels import inner_kernel
+from raymap.kernels import inner_kernel, unsigned
 from tracer.engine.buffers import (
     BUNDLE_CODE,
     BUNDLE_OWN,
@@ -101,9 +101,9 @@ def follow_settled(
     nest, medium = -1, -1
     for j in range(m):
         hit = bundle_i[BUNDLE_CODE + row, j]
-        i = np.uint32(bundle_i[BUNDLE_SLOT, j])
-        if hit < 0 or settle[key, np.uint32(hit)] > place:
-            to = np.uint32(kept)
+        i = unsigned(bundle_i[BUNDLE_SLOT, j])
+        if hit < 0 or settle[key, unsigned(hit)] > place:
+            to = unsigned(kept)
             bundle_i[BUNDLE_SLOT, to] = i
             bundle_i[BUNDLE_OWN, to] = bundle_i[BUNDLE_OWN, j]
             bundle_i[BUNDLE_CODE + row, to] = hit
@@ -115,7 +115,7 @@ def follow_settled(
         met = hit if hit < n_faces else hit - n_faces
         if size == 0:
             nest, medium = live_i[NEST, i], live_i[MEDIUM, i]
-        code, count = live_i[CODE, i], ray_i[N_RECORDS, np.uint32(live_i[RAY, i])]
+        code, count = live_i[CODE, i], ray_i[N_RECORDS, unsigned(live_i[RAY, i])]
         if (
             met == face
             and live_i[NEST, i] == nest
@@ -123,7 +123,7 @@ def follow_settled(
             and (code < n_channels or mixed)
             and count < depth
         ):
-            to = np.uint32(size)
+            to = unsigned(size)
             for k in range(6):
                 f[k, to] = bundle_f[k, j]
             f[DISTANCE, to] = bundle_f[DISTANCE + row, j]
@@ -160,7 +160,7 @@ def _follow(
         if beyond < 0 or legs == most or (legs > 0 and size > room):
             break
         body = top_body(beyond)
-        other = scene.body_i[np.uint32(body), B_MEDIUM] if body >= 0 else scene.limits[WORLD]
+        other = scene.body_i[unsigned(body), B_MEDIUM] if body >= 0 else scene.limits[WORLD]
         _look_up(scene, b, medium, other, size)
         _refract(scene, face, f, row, size, inward)
         size, along = _write(scene, b, face, key, nest, medium, other, beyond, legs, row, size)
@@ -220,7 +220,7 @@ def _look_up(scene: CompiledScene, b: Buffers, medium: int, other: int, size: in
     f, g, medium_f, n_channels = b.stream_f, b.stream_i, scene.medium_f, b.colors.shape[1]
     for j in range(size):
         code = g[_CODE, j]
-        channel = np.uint32(code if code < n_channels else 0)
+        channel = unsigned(code if code < n_channels else 0)
         f[_N1, j] = medium_f[medium, channel]
         f[_N2, j] = medium_f[other, channel]
     for j in range(size):
@@ -421,7 +421,7 @@ def _put_back(
     A ray of which no record is written yet stands where it was: it is about to meet ``face``.
     """
     f, g, live_f, live_i = b.stream_f, b.stream_i, b.live_f, b.live_i
-    i = np.uint32(g[BUNDLE_SLOT, j])
+    i = unsigned(g[BUNDLE_SLOT, j])
     if legs == 0:
         live_f[T, i] = f[DISTANCE + row, j]
         live_i[HIT, i] = face
@@ -432,4 +432,4 @@ def _put_back(
     live_i[NEST, i], live_i[MEDIUM, i] = nest, medium
     live_i[RNG, i], live_i[LAST, i] = g[_RNG, j], g[_LAST, j]
     live_i[HIT, i] = DONE
-    b.ray_i[N_RECORDS, np.uint32(g[_RAY, j])] += legs
+    b.ray_i[N_RECORDS, unsigned(g[_RAY, j])] += legs

@@ -85,14 +85,14 @@ class Twins(NamedTuple):
 
     direction (4,), outcome (4,) : the part that turns off here, direction and weight, and T_…
     rays (4, n) : per ray of the block, LEVEL …
-    count (block,) : rays of each emission
+    emitted (block,) : rays of each emission
     spawned (1,) : rays that came to be in this step, behind the live ones
     """
 
     direction: F64
     outcome: I64
     rays: I32
-    count: I32
+    emitted: I32
     spawned: I64
 
 
@@ -102,7 +102,7 @@ def make_twins(block: int, rays: int) -> Twins:
         direction=np.zeros(4),
         outcome=np.zeros(4, np.int64),
         rays=np.zeros((4, rays), np.int32),
-        count=np.zeros(block, np.int32),
+        emitted=np.zeros(block, np.int32),
         spawned=np.zeros(1, np.int64),
     )
 
@@ -115,7 +115,7 @@ def start_emissions(twins: Twins, n: int, counters: I64) -> None:
         twins.rays[EMISSION, i] = i
         twins.rays[PARENT, i] = -1
         twins.rays[INHERITED, i] = 0
-        twins.count[i] = 1
+        twins.emitted[i] = 1
     twins.spawned[0] = 0
     twins.outcome[T_PENDING] = 0
     counters[RAYS] = n
@@ -128,19 +128,19 @@ def keep_twin(rare: RareLight, twins: Twins | None, ray: int) -> bool:
         return False
     if twins.rays[LEVEL, ray] >= rare.settings[R_SPLITS]:
         return False
-    return bool(twins.count[twins.rays[EMISSION, ray]] < rare.settings[R_RAYS])
+    return bool(twins.emitted[twins.rays[EMISSION, ray]] < rare.settings[R_RAYS])
 
 
 @inline_kernel
 def has_room(twins: Twins | None, b: Buffers, n: int, meetings: int) -> bool:
     """Whether no buffer can overflow in the next step of ``n`` rays."""
     if twins is None:
-        return (
+        return bool(
             b.counters[RECORDS] + n <= len(b.words)
             and b.counters[DESCRIPTORS] + n * meetings <= len(b.meeting_t)
             and b.counters[COLORS] + 4 * n <= len(b.colors)
         )
-    return (
+    return bool(
         b.counters[RECORDS] + 2 * n <= len(b.words)
         and b.counters[DESCRIPTORS] + n * meetings <= len(b.meeting_t)
         and b.counters[COLORS] + 8 * n <= len(b.colors)
@@ -215,8 +215,8 @@ def _release(
     live_i[NEST, i], live_i[MEDIUM, i] = nest, medium
     live_i[CODE, i] = twins.outcome[T_CODE]
     # A stream of its own, keyed by that of the ray and by its number in the emission
-    live_i[RNG, i] = np.int64(stream_state(np.int64(state), twins.count[emission]))
-    twins.count[emission] += 1
+    live_i[RNG, i] = np.int64(stream_state(np.int64(state), twins.emitted[emission]))
+    twins.emitted[emission] += 1
     live_i[RAY, i], live_i[LAST, i] = number, r
     b.ray_i[N_RECORDS, number] = b.ray_i[N_RECORDS, ray]
     return int(number)
@@ -259,7 +259,7 @@ def find_ray_order(
     n_rays = b.counters[RAYS]
     place[0] = 0
     for e in range(n):
-        place[e + 1] = place[e] + twins.count[e]
+        place[e + 1] = place[e] + twins.emitted[e]
     # Rays of an emission stand as they came to be; the oldest ones first
     for ray in range(n_rays):
         e = twins.rays[EMISSION, ray]

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.kernels import inner_kernel, lean_kernel
+from raymap.kernels import inner_kernel, lean_kernel, unsigned
 from tracer.engine.buffers import (
     CHAIN,
     COLORS,
@@ -87,10 +87,10 @@ def store_block(
         ray_i[N_RECORDS, ray] = total
         total += count
     for r in range(total):
-        ray = np.uint32(words[r, R_RAY])
-        place = ray_i[N_RECORDS, ray]
-        order[np.uint32(place)] = r
-        ray_i[N_RECORDS, ray] = place + 1
+        owner = unsigned(words[r, R_RAY])
+        place = ray_i[N_RECORDS, owner]
+        order[unsigned(place)] = r
+        ray_i[N_RECORDS, owner] = place + 1
     copy_records(total, n_sources, b, columns, filled, color_map, order)
     filled[0] = n_rays + n
 
@@ -117,8 +117,8 @@ def copy_records(
             _quantise(colors, k, columns.color_table, k)
         n_colors = n_sources
     for k in range(total):
-        r = np.uint32(order[k])
-        place = np.uint32(n_records + k)
+        r = unsigned(order[k])
+        place = unsigned(n_records + k)
         columns.position[place, 0] = real[r, X]
         columns.position[place, 1] = real[r, Y]
         columns.position[place, 2] = real[r, Z]

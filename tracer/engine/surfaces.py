@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from raymap.events import Event
-from raymap.kernels import inline_kernel, inner_kernel
+from raymap.kernels import inline_kernel, inner_kernel, unsigned
 from tracer.engine.buffers import COLORS
 from tracer.engine.colors import mean_of, pick_channel, recolor
 from tracer.engine.directions import about, sample_cosine_cone
@@ -107,7 +107,7 @@ def _meet_dielectric(
     if select:
         state = advance(state)
         k = pick_channel(colors, code, uniform(state))
-    channel = np.uint32(k)
+    channel = unsigned(k)
     n1, n2 = medium_f[medium, channel], medium_f[other, channel]
     eta = n1 / n2
     cos2_t = 1.0 - eta * eta * (1.0 - cos_i * cos_i)

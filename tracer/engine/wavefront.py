@@ -248,7 +248,7 @@ class _Assembly:
             int(max(self.filled[_COLORS], self.n_sources) + b.counters[COLORS]),
         )
         store_split_block(block, b, self.n_sources, self.columns, self.filled)
-        self._counts.append(twins.count[:n].copy())
+        self._counts.append(twins.emitted[:n].copy())
 
     def counts(self) -> NDArray[np.int32]:
         """Rays of every emission."""

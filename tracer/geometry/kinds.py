@@ -45,7 +45,7 @@ __all__ = [
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
-Integer = int | np.int64
+Integer = int | np.integer
 
 ROW = 16
 ANNULUS = 0

@@ -46,6 +46,8 @@ def find_contacts(
                 continue
             if abs((rows[b][0:3] - rows[a][0:3]) @ rows[a][3:6]) > reach:
                 continue
+            if shapes[a].kind == shapes[b].kind == ANNULUS and _apart(rows[a], rows[b], reach):
+                continue
             (low_a, high_a), (low_b, high_b) = boxes[a], boxes[b]
             if np.all(low_a <= high_b + reach) and np.all(low_b <= high_a + reach):
                 partners[a].append(b)
@@ -57,3 +59,11 @@ def find_contacts(
         first=np.concatenate(([0], np.cumsum(counts))).astype(np.int64),
         face=np.array([k for item in partners for k in item], np.int64),
     )
+
+
+def _apart(a: NDArray[np.float64], b: NDArray[np.float64], reach: float) -> bool:
+    """Whether rings about one centre do not overlap: a lens face and the land around the next."""
+    if np.linalg.norm(a[0:3] - b[0:3]) > reach:
+        return False
+    inner = max(a[6], b[6], 0.0) ** 0.5
+    return bool(inner >= min(a[7], b[7]) ** 0.5 - reach)

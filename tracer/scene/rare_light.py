@@ -87,8 +87,8 @@ def compile_rare_light(
         owners = dict.fromkeys(name.rpartition(".")[0] for name in faces)
         for owner in owners:
             if fnmatchcase(owner, pattern) and owner not in detectors:
-                shapes = [s for n in faces if n.rpartition(".")[0] == owner for s in faces[n]]
-                rows.append(_target(shapes))
+                whole = [s for n in faces if n.rpartition(".")[0] == owner for s in faces[n]]
+                rows.append(_target(whole))
         for name, shapes in faces.items():
             if fnmatchcase(name, pattern) and name.rpartition(".")[0] not in detectors:
                 rows.append(_target(shapes))
