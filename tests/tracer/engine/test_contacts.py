@@ -142,7 +142,8 @@ def tilted(text: str) -> str:
 
     def moved(match: re.Match[str]) -> str:
         x, y, z = (float(v) for v in match[1].split(","))
-        return f"position = [{x!r}, {c * y - s * z!r}, {s * y + c * z!r}]\nrotation = [30, 0, 0]"
+        y, z = float(c * y - s * z), float(s * y + c * z)
+        return f"position = [{x!r}, {y!r}, {z!r}]\nrotation = [30, 0, 0]"
 
     text = re.sub(
         r'(kind = "box"\nsize = \[[^\]]*\]\n)(?!position)', r"\1position = [0, 0, 0]\n", text
