@@ -451,7 +451,7 @@ def test_a_source_partly_in_a_solid_is_warned_about(tmp_path: Path) -> None:
     with (
         pytest.warns(MisplacedLight, match=r"of its light starts inside the solid 'ball'"),
         pytest.warns(StoppedLight),
-    ):  # noqa: E501
+    ):
         record(parse_scene(text), tmp_path / "a.raymap", rays=2_000, threads=1)
 
 
