@@ -12,11 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from query import select
+from query.builders import as_criterion
 from query.context import PathContext
 from query.ghosts import GhostMatrix
 from query.ghosts import ghost_matrix as query_ghosts
 from query.images import detector_image as query_image
 from query.path_text import PathNames, exact_criterion, path_text
+from query.printer import to_text
 from query.ray_report import report
 from query.scan import default_threads
 from query.selector import bind_all
@@ -92,17 +94,23 @@ def draw_rays(
     cancel : becomes true when the rays are no longer wanted
     preview : called with the rays read so far, when all of them take a while
     """
+    given = None if isinstance(criterion, str) and not criterion.strip() else criterion
     if not paths:
-        rays = _draw(ray_map, criterion or None, limit, cancel, preview)
+        rays = _draw(ray_map, given, limit, cancel, preview)
         return Drawing(rays=rays, labels=path_labels(ray_map, rays.path))
     share = max(1, limit // len(paths))
     parts, labels = [], {}
     for number, (path, label) in enumerate(paths):
-        text = join_criteria(str(criterion or ""), path)
+        text = join_criteria(_as_text(given), path)
         rays = _draw(ray_map, text, share, cancel)
         parts.append(replace(rays, path=np.full(rays.n_rays, number, np.int64)))
         labels[number] = label
     return Drawing(rays=DrawnRays.join(parts), labels=labels)
+
+
+def _as_text(criterion: Any) -> str:
+    node = as_criterion(criterion)
+    return "" if node is None else to_text(node)
 
 
 def _draw(

@@ -13,7 +13,10 @@ from PIL import Image
 from typer.testing import CliRunner
 
 import raymap
+from query import hit
+from query.json_form import to_json
 from raymap.cli import main
+from raymap.events import FAMILIES
 from tests.viewer.small_map import write_map
 from viewer import ViewState, picture, save_state
 from viewer.answers import draw_rays
@@ -235,3 +238,13 @@ def test_other_programs_read_the_exports(scene: tuple, tmp_path: Path) -> None:
     assert lines.n_lines == len(shown.lines)
     np.testing.assert_array_equal(lines.cell_data["ray_id"], shown.rays.ray_ids[shown.lines.ray])
     np.testing.assert_array_equal(lines.points.reshape(-1, 2, 3), shown.lines.segments)
+
+
+def test_every_spelling_of_a_criterion_draws_the_same_rays(small_map):
+    tree = hit("*", FAMILIES["reflected"])
+    expected = draw_rays(small_map, str(tree), 30).rays.ray_ids
+    assert len(expected)
+    for spelling in (tree, to_json(tree)):
+        np.testing.assert_array_equal(draw_rays(small_map, spelling, 30).rays.ray_ids, expected)
+        alone = draw_rays(small_map, spelling, 30, paths=[('hit("*")', "met")]).rays.ray_ids
+        np.testing.assert_array_equal(alone, expected)
