@@ -148,6 +148,8 @@ def _locked(path: Path) -> str:
 
 def _remove(path: Path) -> None:
     """Make way for a new file; readers of the old one keep what they opened."""
+    if not path.is_file():
+        raise RayMapError(f"{path} is not a regular file and stays: choose another name")
     old = ChunkAppender.open(path)
     try:
         path.unlink()

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 from raymap.errors import RayMapError
 
@@ -233,7 +234,22 @@ def application() -> typer.Typer:
             # A package that is not installed takes its commands with it, not the others
             if error.name not in (point.module, point.module.split(".")[0]):
                 raise
+    for command in app.registered_commands:
+        command.cls = _Command
     return app
+
+
+class _Command(TyperCommand):
+    """A command whose help keeps what stands in square brackets, such as units."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        from rich.markup import escape
+
+        for parameter in self.params:
+            text = getattr(parameter, "help", None)
+            if text:
+                parameter.help = escape(text)  # type: ignore[attr-defined]
+        super().format_help(ctx, formatter)
 
 
 def _group() -> None:
@@ -253,3 +269,8 @@ def main() -> None:
         # The reader of our output went away (head, less): nothing is wrong
         sys.stderr.close()
         raise SystemExit(0) from None
+    except OSError as error:
+        # A full disk, a missing folder, no permission: the file's name and the system's reason
+        place = f"{error.filename}: " if error.filename else ""
+        typer.echo(f"error: {place}{error.strerror or error}", err=True)
+        raise SystemExit(1) from None

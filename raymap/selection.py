@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.errors import DamagedPortion, MapExists
+from raymap.errors import DamagedPortion, MapExists, RayMapError
 from raymap.portion import Descriptors, Portion
 from raymap.reader import RayMap
 from raymap.rows import can_join, join_portions, take_rays
@@ -165,6 +165,10 @@ def replacing(target: Path) -> Iterator[Path]:
     try:
         yield temporary
         os.replace(temporary, target)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
+    except BaseException as error:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+        if isinstance(error, OSError) and not isinstance(error, RayMapError):
+            reason = os.strerror(error.errno) if error.errno else str(error)
+            raise RayMapError(f"{target} cannot be written: {reason}") from None
         raise

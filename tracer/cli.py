@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from raymap.errors import SceneError
+
 if TYPE_CHECKING:
     from tracer.record import Progress, RecordResult
     from tracer.scene.model import Scene
@@ -79,6 +81,8 @@ def record(
 
     if output is None and not no_rays:
         raise typer.BadParameter("name the map to write with -o MAP", param_hint="--output")
+    if output is not None and output.exists() and scene.exists() and output.samefile(scene):
+        raise SceneError(f"{output} is the scene file: name another file for the map")
     loaded = _load(scene, variant, simulation)
     if scheduler is not None:
         from raymap.cluster import scheduler_executor
@@ -163,10 +167,15 @@ def _print_result(result: RecordResult, output: Path | None) -> None:
     columns = ["emitted", "absorbed", "detected", "left", "stopped", "errors"]
     table = Table("source", *columns)
     for name, row in result.audit.items():
-        table.add_row(name, *(f"{row[column]:,}" for column in columns))
+        table.add_row(name, *(_count(row[column]) for column in columns))
     console.print(table)
     if result.interrupted:
         console.print("interrupted; the map holds the rays traced so far")
+
+
+def _count(value: float) -> str:
+    """A number of rays, with weights a sum of them: tenths are finer than its error."""
+    return f"{value:,}" if float(value).is_integer() else f"{value:,.1f}"
 
 
 class _Display:
@@ -185,6 +194,7 @@ class _Display:
 
             self.live = Live(console=console, transient=True, refresh_per_second=8)
             self.live.start()
+            self.live.update("preparing; the first trace of its kind compiles for a minute")
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -135,6 +135,8 @@ def record(
         raise SceneError("name the map to write (or ask for detector results only with no_rays)")
     if rays is not None and rays < 1:
         raise SceneError(f"rays must be at least 1, not {rays}")
+    if seed is not None and not 0 <= seed < 2**63:
+        raise SceneError(f"seed must be from 0 to 2**63 - 1, not {seed}")
     if rays is None and seconds is None:
         rays = DEFAULT_RAYS
     if isinstance(compilation, Compilation):

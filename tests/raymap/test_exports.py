@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from itertools import pairwise
 
 import duckdb
@@ -12,6 +13,8 @@ import pyarrow.parquet as pq
 import pytest
 
 import raymap
+from raymap.arrow import export
+from raymap.errors import RayMapError
 from raymap.verify import verify
 from tests.raymap.maps import SPECTRAL, ids_of, portion_at, small_directory, write_small
 from tests.strategies import assert_same_portion
@@ -224,3 +227,20 @@ def test_duckdb_answers_like_the_query(ray_map, tmp_path):
             ).fetchall()
             found = query.select(ray_map, criterion).ray_ids
             assert [ray_id for (ray_id,) in rows] == list(found), criterion
+
+
+@pytest.mark.parametrize("folder", ["missing", "file"])
+def test_a_table_without_a_place_is_refused_by_its_name(tmp_path, folder):
+    write_small(tmp_path / "file", n_portions=1)
+    target = tmp_path / folder / "table.csv"
+    with raymap.open(tmp_path / "file") as ray_map, pytest.raises(RayMapError) as caught:
+        export(ray_map, target)
+    assert str(caught.value).startswith(f"{target} cannot be written: ")
+
+
+def test_what_is_no_file_is_not_replaced(tmp_path):
+    fifo = tmp_path / "pipe"
+    os.mkfifo(fifo)
+    with pytest.raises(RayMapError, match="is not a regular file and stays"):
+        raymap.RayMapWriter.create(fifo, small_directory(), force=True)
+    assert fifo.is_fifo()

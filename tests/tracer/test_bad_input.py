@@ -7,10 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from raymap.cli import main
 from raymap.errors import SceneError
 from tracer.geometry.mesh import MeshWarning
+from tracer.record import record
 from tracer.scene.compile import Compilation, compile_scene
-from tracer.scene.load import parse_scene
+from tracer.scene.load import load_scene, parse_scene
+from tracer.studies.section import draw_section
 
 HEAD = 'length_unit = "mm"\n[sources.s]\nkind = "point"\nposition = [0, 0, 9]\n'
 MESH = """
@@ -23,6 +26,7 @@ scale = 1
 medium = "g"
 """
 BALL = '[bodies.b]\nkind = "sphere"\nradius = 1\n'
+LIT = BALL + 'surface = "absorber"\n'
 INDEX = BALL + 'medium = "g"\n[media.g]\nindex = '
 SURFACE = BALL + 'surface = "m"\n[surfaces.m]\n'
 
@@ -58,6 +62,10 @@ CASES = {
         + "values = [[[0.9, 0.9], [0.9, 0.9]], [[0.9, 0.9], [0.9, 0.9]]]",
         r"surface 'm': its BSDF table creates energy: at 0 degrees it scatters 2\.827 times",
     ),
+    "brackets without end": ("x = " + "[" * 5000 + "]" * 5000, r"brackets nest too deep"),
+    "number of thousands of digits": ("x = " + "1" * 5000, r"a number cannot be read"),
+    "body whose kind is a list": ("[bodies.b]\nkind = [1]\n", r"bodies\.b\.kind: there is no body"),
+    "variant that is a number": ("\n[variants]\nx = 3\n", r"variants\.x: must be a table"),
     "place beyond all bounds": (
         BALL.replace("radius", "position = [0, 0, inf]\nradius"),
         r"bodies\.b\.position\.2: input should be a finite number",
@@ -78,6 +86,42 @@ def test_bad_input_is_refused_in_one_line(case: str, tmp_path: Path) -> None:
     with pytest.raises(SceneError, match=message) as caught:
         compiled(text, tmp_path)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("table", ["bodies", "sources", "detectors", "variants"])
+def test_a_number_for_a_table_is_refused(table: str) -> None:
+    with pytest.raises(SceneError, match=f"{table}: must be a table of named entries"):
+        parse_scene(f'{table} = 3\nlength_unit = "mm"\n')
+
+
+def test_a_byte_order_mark_is_read(tmp_path: Path) -> None:
+    scene = tmp_path / "scene.toml"
+    scene.write_text(HEAD, encoding="utf-8-sig")
+    assert load_scene(scene).length_unit == "mm"
+
+
+def test_a_drawing_without_a_place_is_refused(tmp_path: Path) -> None:
+    target = tmp_path / "missing" / "section.svg"
+    with pytest.raises(SceneError, match="cannot be written: No such file or directory"):
+        draw_section(parse_scene(HEAD + LIT), target)
+
+
+def test_a_seed_that_is_too_large_is_refused() -> None:
+    with pytest.raises(SceneError, match="seed must be from 0 to"):
+        record(parse_scene(HEAD + LIT), rays=1, seed=2**70, no_rays=True)
+
+
+def test_the_scene_is_never_written_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = tmp_path / "scene.toml"
+    scene.write_text(HEAD, encoding="utf-8")
+    monkeypatch.setattr("sys.argv", ["raymap", "record", str(scene), "-o", str(scene), "--force"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 1
+    assert "is the scene file: name another file for the map" in capsys.readouterr().err
+    assert scene.read_text(encoding="utf-8") == HEAD
 
 
 def test_bad_meshes_are_refused_or_warned_about(tmp_path: Path) -> None:

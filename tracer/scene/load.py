@@ -20,7 +20,7 @@ from tracer.scene.model import (
     SourceModel,
     SurfaceModel,
 )
-from tracer.scene.selecting import SimulationModel, select_parts
+from tracer.scene.selecting import KINDS, SimulationModel, select_parts
 
 __all__ = ["load_scene", "parse_scene"]
 
@@ -79,7 +79,7 @@ def load_scene(
                 f"{OTHER_FILES[path.suffix.lower()]}"
             )
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
         raise SceneError(f"there is no scene file {str(path)!r}; check the path") from None
     except (OSError, UnicodeDecodeError) as error:
@@ -105,8 +105,13 @@ def parse_scene(
         tree = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise SceneError(f"{origin}: not a TOML file: {error}") from None
+    except RecursionError:
+        raise SceneError(f"{origin}: brackets nest too deep to be read") from None
+    except ValueError as error:  # a number of thousands of digits
+        raise SceneError(f"{origin}: a number cannot be read: {error}") from None
     chosen = _simulation(tree, simulation, origin)
-    known = tree.pop("variants", {})
+    known = _table(tree, "variants", origin)
+    tree.pop("variants", None)
     for name in (*chosen.variants, *variants):
         if name not in known:
             raise SceneError(f"{origin}: there is no variant {name!r}{_nearest(name, known)}")
@@ -115,6 +120,8 @@ def parse_scene(
     tree["origin"] = origin
     tree["folder"] = str(folder)
     _merge_files(tree, origin, Path(folder))
+    for table in KINDS:
+        _table(tree, table, origin)
     general = {key: tree.pop(key) for key in ("use", "leave_out") if key in tree}
     always = _validated(SimulationModel, general, "", origin)
     tree["selecting"] = select_parts(
@@ -201,7 +208,7 @@ def _body(entry: dict[str, Any], name: str, origin: str) -> Body:
     kind = entry.get("kind")
     if kind is None:
         raise SceneError(f"{origin}: bodies.{name}: kind is missing; one of {', '.join(_KINDS)}")
-    if kind not in _KINDS:
+    if not isinstance(kind, str) or kind not in _KINDS:
         raise SceneError(
             f"{origin}: bodies.{name}.kind: there is no body {kind!r}{_nearest(str(kind), _KINDS)}"
         )
