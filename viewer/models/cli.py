@@ -59,5 +59,6 @@ def export_3d(
         return
     typer.echo(
         f"wrote {output}: {written['rays']:,} rays ({written['segments']:,} segments) in "
-        f"{len(written['groups'])} groups, {len(written['objects'])} bodies"
+        f"{len(written['groups'])} group{'s' * (len(written['groups']) != 1)}, "
+        f"{len(written['objects'])} bodies"
     )
