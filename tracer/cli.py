@@ -228,11 +228,17 @@ def check(
     json: Json = False,
 ) -> None:
     """Validate a scene without tracing; first-order numbers and a section drawing of a lens."""
+    import warnings
+
     from raymap.cli import emit_json
     from tracer.studies.lens import examine
 
     loaded = _load(scene, variant, simulation)
-    report = examine(loaded)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        report = examine(loaded)
+    for text in dict.fromkeys(str(item.message) for item in caught):
+        typer.echo(f"warning: {text}", err=True)
     if scene.suffix.lower() != ".toml":
         report |= _design(scene)
     if output is not None:
