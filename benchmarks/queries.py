@@ -225,7 +225,7 @@ def main() -> None:
     parser.add_argument("--map", type=Path, default=None, help="a large map that stands already")
     parser.add_argument("--keep", action="store_true")
     options = parser.parse_args()
-    from tracer.record import record
+    from tracer.recording import record
 
     folder = Path(tempfile.mkdtemp(prefix="raymap-query-", dir=options.folder))
     try:

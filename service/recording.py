@@ -66,7 +66,7 @@ def _run(
     most_seconds: float,
 ) -> Iterator[dict[str, Any]]:
     """The trace in a thread of its own, its news handed over one by one."""
-    from tracer.record import record
+    from tracer.recording import record
 
     news: queue.Queue[dict[str, Any] | BaseException] = queue.Queue()
     stop = threading.Event()

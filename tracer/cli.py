@@ -10,7 +10,7 @@ import typer
 from raymap.errors import SceneError
 
 if TYPE_CHECKING:
-    from tracer.record import Progress, RecordResult
+    from tracer.recording import Progress, RecordResult
     from tracer.scene.model import Scene
 
 __all__ = ["register"]
@@ -77,7 +77,7 @@ def record(
     from contextlib import nullcontext
 
     from raymap.cli import emit_json
-    from tracer.record import record as record_scene
+    from tracer.recording import record as record_scene
 
     if output is None and not no_rays:
         raise typer.BadParameter("name the map to write with -o MAP", param_hint="--output")

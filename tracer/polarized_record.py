@@ -38,7 +38,7 @@ from tracer.engine.polarized import (
 )
 from tracer.engine.wavefront import Wavefront
 from tracer.geometry.kinds import MESH
-from tracer.record import RecordResult
+from tracer.recording import RecordResult
 from tracer.scene.arrays import F_KIND, F_OBJECT, F_TRIANGLE
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.load import load_scene
@@ -215,7 +215,7 @@ def record_polarized(
     scene : a scene file, a `Scene`, or a compilation
     path : of the map
     polarization : what is polarised; by default nothing but what interfaces do
-    rays, seed, threads, append, force, portion_rays : as in `tracer.record.record`
+    rays, seed, threads, append, force, portion_rays : as in `tracer.recording.record`
 
     Raises
     ------

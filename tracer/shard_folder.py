@@ -55,7 +55,7 @@ def begin_folder(
     place: Path | Address, compilation: Compilation, *, append: bool, force: bool
 ) -> tuple[int, int]:
     """(first ray, seed where none is given); refuses or removes what is there."""
-    from tracer.record import DEFAULT_SEED
+    from tracer.recording import DEFAULT_SEED
 
     there = _shards_in(place)
     if not there:

@@ -21,7 +21,7 @@ from raymap.writer import RayMapWriter
 from tracer.scene.arrays import R_RAYS, R_SPLITS, CompiledScene
 
 if TYPE_CHECKING:
-    from tracer.record import RecordResult
+    from tracer.recording import RecordResult
     from tracer.scene.compile import Compilation
 
 __all__ = ["Shard", "ShardTask", "fan", "pack", "trace_shard", "unpack"]
@@ -123,7 +123,7 @@ def trace_shard(task: ShardTask) -> Shard:
 
 
 def _trace_into(task: ShardTask, path: Path) -> RecordResult:
-    from tracer.record import run_into
+    from tracer.recording import run_into
 
     compilation = _scene_of(task)
     with (

@@ -26,7 +26,7 @@ from tracer.shard_folder import begin_folder, owned_folder
 from tracer.shard_tasks import Shard, ShardTask, pack, trace_shard
 
 if TYPE_CHECKING:
-    from tracer.record import Progress, RecordResult
+    from tracer.recording import Progress, RecordResult
     from tracer.scene.compile import Compilation
 
 __all__ = ["record_shards"]
@@ -277,7 +277,7 @@ class _SpreadTrace:
         )
 
     def _progress(self, began: float) -> Progress:
-        from tracer.record import Progress
+        from tracer.recording import Progress
 
         shards = self.done.values()
         return Progress(
@@ -294,7 +294,7 @@ def _joined(
     results: list[RecordResult], *, bytes: int, seconds: float, workers: int, interrupted: bool
 ) -> RecordResult:
     """One result of many."""
-    from tracer.record import RecordResult
+    from tracer.recording import RecordResult
 
     rays = sum(result.rays for result in results)
     detectors = {

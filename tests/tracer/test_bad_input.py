@@ -10,7 +10,7 @@ import pytest
 from raymap.cli import main
 from raymap.errors import SceneError
 from tracer.geometry.mesh import MeshWarning
-from tracer.record import record
+from tracer.recording import record
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.load import load_scene, parse_scene
 from tracer.studies.section import draw_section

@@ -14,7 +14,7 @@ from raymap.cli import application
 from raymap.errors import MapExists, SceneMismatch
 from raymap.schema import PORTION_RECORDS
 from tracer.engine.wavefront import Wavefront
-from tracer.record import Progress, StoppedLight, record, split_portion
+from tracer.recording import Progress, StoppedLight, record, split_portion
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.load import load_scene, parse_scene
 

@@ -22,7 +22,7 @@ import raymap
 from raymap.cli import application
 from raymap.cluster import scheduler_executor, worker_count
 from raymap.errors import MapExists, MapLocked, RayMapError, SceneError, SceneMismatch
-from tracer.record import Progress, record
+from tracer.recording import Progress, record
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.load import load_scene, parse_scene
 from tracer.shard_tasks import fan, pack, unpack

@@ -224,7 +224,7 @@ def record_lens_trees(
     emissions : how many rays the sources send
     depth : of every lens tree
     min_flux : a branch below this share of its emission is stopped
-    seed, force : as in `tracer.record.record`
+    seed, force : as in `tracer.recording.record`
     batch : emissions traced together, one portion
 
     Raises

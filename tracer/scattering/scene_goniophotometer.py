@@ -95,7 +95,7 @@ def _recorded(
     compilation: Compilation, rays: int, seed: int, path: Path, force: bool
 ) -> Iterator[Portion]:
     import raymap
-    from tracer.record import record
+    from tracer.recording import record
 
     record(compilation, path, rays=rays, seed=seed, force=force)
     with raymap.open(path) as stored:

@@ -11,7 +11,7 @@ from raymap.events import Event
 from tracer.crystals.branching import trace_tree
 from tracer.crystals.media import isotropic
 from tracer.crystals.scene_language import crystal_scene_of
-from tracer.record import record
+from tracer.recording import record
 from tracer.scene.load import parse_scene
 
 SCENE = """

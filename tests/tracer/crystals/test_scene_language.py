@@ -11,7 +11,7 @@ import raymap
 from query import detected, event, hit, select
 from raymap.errors import SceneError, SceneMismatch
 from tracer.crystals.scene_language import compile_crystals, crystal_scene_of
-from tracer.record import record
+from tracer.recording import record
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import load_scene, parse_scene
 

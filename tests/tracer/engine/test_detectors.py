@@ -20,7 +20,7 @@ from raymap.cli import application
 from raymap.errors import RayMapError, SceneError
 from tests.tracer.chi2 import SIGNIFICANCE, chi2_counts
 from tests.tracer.engine.tracing import compiled, trace
-from tracer.record import record
+from tracer.recording import record
 from tracer.scene.load import parse_scene
 
 UNITS = 'length_unit = "mm"\nflux_unit = "lm"\n'

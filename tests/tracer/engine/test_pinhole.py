@@ -15,7 +15,7 @@ import raymap
 from raymap.errors import RayMapError, SceneError
 from tests.tracer.chi2 import SIGNIFICANCE
 from tests.tracer.engine.test_detectors import UNITS, agree, pictures
-from tracer.record import record
+from tracer.recording import record
 from tracer.scene.load import parse_scene
 
 EYE = """

@@ -29,7 +29,7 @@ from tracer.importers.cad_bodies import CadBody, CadMeshBody
 from tracer.importers.prescription import ImportWarning
 from tracer.importers.step_mesh import mesh_of_solid
 from tracer.importers.step_read import read_step
-from tracer.record import record
+from tracer.recording import record
 from tracer.scene.load import parse_scene
 from tracer.trace import trace_rays
 

@@ -15,7 +15,7 @@ from tests.tracer.chi2 import SIGNIFICANCE, chi2_counts, chi2_sphere
 from tests.tracer.engine.tracing import compiled, trace
 from tracer.engine.wavefront import Wavefront
 from tracer.light import IntensityGrid, RayList
-from tracer.record import StoppedLight, record
+from tracer.recording import StoppedLight, record
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import parse_scene
 from tracer.scene.model import Scene
