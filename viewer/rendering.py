@@ -55,6 +55,8 @@ def _pillow() -> Any:
 def write_beside(path: str | Path, data: bytes) -> Path:
     """Write a file under another name first, then rename it: never half a file."""
     target = Path(path)
+    if target.is_dir():
+        raise RayMapError(f"cannot write {str(path)!r}: it is a folder; name a file")
     part = target.with_name(f".{target.name}.{os.getpid()}.part")
     try:
         part.write_bytes(data)
