@@ -13,7 +13,7 @@ from typing import Any, TypeVar, cast
 import numba
 import numpy as np
 
-__all__ = ["inline_kernel", "inner_kernel", "kernel", "lean_kernel", "unsigned"]
+__all__ = ["inline_kernel", "inner_kernel", "kernel", "lean_kernel", "number", "unsigned"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -71,3 +71,9 @@ def unsigned(value: int) -> int:
     Python's negative indices cost a test and an addition at every use of a signed index.
     """
     return np.uint32(value)  # type: ignore[return-value]
+
+
+@inline_kernel
+def number(value: int) -> int:
+    """A number of the usual type: functions that are handed literals are compiled for each."""
+    return np.int64(value)  # type: ignore[return-value]

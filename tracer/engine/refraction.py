@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from raymap.events import Event
-from raymap.kernels import inner_kernel, unsigned
+from raymap.kernels import inner_kernel, number, unsigned
 from tracer.engine.buffers import (
     BUNDLE_CODE,
     BUNDLE_OWN,
@@ -97,8 +97,8 @@ def follow_settled(
     mixed = True
     for medium in range(len(scene.medium_i)):
         mixed = mixed and scene.medium_i[medium, M_DISPERSIVE] == 0
-    kept, size, deepest = 0, 0, 0
-    nest, medium = -1, -1
+    kept, size, deepest = number(0), number(0), number(0)
+    nest, medium = number(-1), number(-1)
     for j in range(m):
         hit = bundle_i[BUNDLE_CODE + row, j]
         i = unsigned(bundle_i[BUNDLE_SLOT, j])
@@ -147,8 +147,7 @@ def _follow(
 ) -> None:
     """Follow a stream of rays that meet ``face``, for at most ``most`` records."""
     f, g = b.stream_f, b.stream_i
-    legs = 0
-    key, row = -1, np.int64(0)
+    legs, key, row = number(0), number(-1), number(0)
     while True:
         # Find out where the first ray goes if it crosses
         beyond, inward = _cross(
@@ -167,7 +166,7 @@ def _follow(
         legs += 1
         nest, medium = beyond, other
         key = 2 * face + along
-        row = np.int64(0)
+        row = number(0)
         target = scene.target[key]
         if size < _FEW or target < 0:
             break
