@@ -15,7 +15,7 @@ from query.peaks import registrations
 from query.scan import Cancel, Progress, Scan
 from query.search import Found
 from query.selector import bind_all
-from query.tally import source_factors
+from query.tally import source_factors, squares_by_emission
 from query.tally import sums as weighted_counts
 from raymap.cells import CellMeasure, cell_measure, is_pinhole
 from raymap.directory import ChannelSet, Detector
@@ -380,12 +380,13 @@ def _cells(found: Found, number: int, detector: int, width: int, factors: Floats
     sums = np.empty((len(cell), n_channels))
     for channel in range(n_channels):
         sums[:, channel] = np.bincount(inverse, flux * colors[code, channel], len(cell))
-    return _Cells(
-        cell,
-        sums,
-        weighted_counts(inverse, flux**2, len(cell)),
-        np.bincount(inverse, minlength=len(cell)),
-    )
+    # Add up what one emission brings to a cell before it is squared
+    emission = portion.column("emission")[rays] if portion.grouped else rays
+    if (np.diff(emission) == 0).any():
+        squares = squares_by_emission(inverse, flux, emission, len(cell))
+    else:
+        squares = weighted_counts(inverse, flux**2, len(cell))
+    return _Cells(cell, sums, squares, np.bincount(inverse, minlength=len(cell)))
 
 
 def _detector_index(map: Any, name: str) -> int:

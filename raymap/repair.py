@@ -119,7 +119,8 @@ def add_meetings(portion: StoredPortion, detector: int, sums: Sums, sums2: Sums)
 
     Parameters
     ----------
-    sums, sums2 : (cells_v, cells_u, n_channels), Σ w·c and Σ (w·c)² of registered meetings
+    sums, sums2 : (cells_v, cells_u, n_channels), of registered meetings Σ w·c, and the sum over
+        emissions of (Σ w·c)²
     """
     if not portion.n_descriptors:
         return
@@ -130,20 +131,32 @@ def add_meetings(portion: StoredPortion, detector: int, sums: Sums, sums2: Sums)
     rays = np.searchsorted(portion.record_offsets(), records, side="right") - 1
     weight = portion.column("weight")[rays]
     colors = portion.column("color")[records]
-    _count(meetings.cell[counted], weight, colors, sums, sums2)
+    emission = portion.column("emission")[rays] if portion.grouped else rays.astype(np.int64)
+    cell = meetings.cell[counted]
+    last = np.full(sums.shape[:2], -1, np.int64)
+    _count(cell, weight, emission, colors, sums, sums2, last, np.zeros(sums.shape))
 
 
 @kernel
 def _count(
     cell: NDArray[np.uint16],
     weight: NDArray[np.float32],
+    emission: NDArray[np.int64],
     colors: NDArray[np.uint16],
     sums: Sums,
     sums2: Sums,
+    last: NDArray[np.int64],
+    part: Sums,
 ) -> None:
-    """Add w·c of each meeting to its cell."""
+    """Add w·c of each meeting to its cell; ``part`` is what the ``last`` emission brought there."""
     for k in range(weight.size):
+        v, u = cell[k, 1], cell[k, 0]
+        if last[v, u] != emission[k]:
+            last[v, u] = emission[k]
+            for channel in range(colors.shape[1]):
+                part[v, u, channel] = 0.0
         for channel in range(colors.shape[1]):
             value = np.float64(weight[k]) * colors[k, channel] / COLOR_SCALE
-            sums[cell[k, 1], cell[k, 0], channel] += value
-            sums2[cell[k, 1], cell[k, 0], channel] += value * value
+            sums[v, u, channel] += value
+            sums2[v, u, channel] += value * (value + 2.0 * part[v, u, channel])
+            part[v, u, channel] += value

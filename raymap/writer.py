@@ -308,7 +308,8 @@ class RayMapWriter:
 
         Parameters
         ----------
-        sums, sums2 : (cells_v, cells_u, n_channels), unnormalised Σ w·c and Σ (w·c)²
+        sums, sums2 : (cells_v, cells_u, n_channels), unnormalised Σ w·c, and the sum over
+            emissions of (Σ w·c)²
         """
         with self._turn:
             cells = self.directory.detectors[detector].cells

@@ -7,7 +7,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from typing import Any
 
 from raymap.errors import RayMapError
@@ -85,15 +85,7 @@ def _run(
                     cancel=stop.is_set,
                     **options,
                 )
-            news.put(
-                {
-                    "done": {
-                        item.name: getattr(result, item.name)
-                        for item in fields(result)
-                        if item.name != "detectors"
-                    }
-                }
-            )
+            news.put({"done": result.to_json()})
         except BaseException as error:
             news.put(error)
 

@@ -111,7 +111,7 @@ def record(
     for text in dict.fromkeys(str(item.message) for item in caught):
         typer.echo(f"warning: {text}", err=True)
     if json:
-        emit_json(_as_json(result))
+        emit_json(result.to_json())
     else:
         _print_result(result, output)
     if result.interrupted:
@@ -146,14 +146,6 @@ def _design(path: Path) -> dict[str, Any]:
         return {"design": import_lens(path).design()}
 
 
-def _as_json(result: RecordResult) -> dict[str, Any]:
-    from dataclasses import fields
-
-    return {
-        item.name: getattr(result, item.name) for item in fields(result) if item.name != "detectors"
-    }
-
-
 def _print_result(result: RecordResult, output: Path | None) -> None:
     from rich.console import Console
     from rich.table import Table
@@ -169,6 +161,11 @@ def _print_result(result: RecordResult, output: Path | None) -> None:
     for name, row in result.audit.items():
         table.add_row(name, *(_count(row[column]) for column in columns))
     console.print(table)
+    if result.fluxes["detectors"]:
+        table = Table("detector", f"flux [{result.fluxes['unit']}]", "standard error")
+        for name, row in result.fluxes["detectors"].items():
+            table.add_row(name, f"{row['flux']:.6g}", f"{row['flux_se']:.2g}")
+        console.print(table)
     if result.interrupted:
         console.print("interrupted; the map holds the rays traced so far")
 

@@ -258,6 +258,7 @@ def record_polarized(
             writer.close()
         raise
     elapsed = time.perf_counter() - began
+    counts = tally.counts()
     return RecordResult(
         rays=tally.rays,
         records=tally.records,
@@ -268,10 +269,8 @@ def record_polarized(
         seed=seed,
         audit=tally.audit(),
         absorbed_by=tally.absorbed_by(),
-        detectors={
-            item.name: tally.detector_sums(k)
-            for k, item in enumerate(compilation.directory.detectors)
-        },
+        fluxes=counts.fluxes(),
+        counts=counts,
     )
 
 

@@ -8,7 +8,7 @@ import warnings
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +21,7 @@ from raymap.errors import MapExists, SceneError
 from raymap.portion import Descriptors, Portion
 from raymap.schema import PORTION_RAYS, PORTION_RECORDS
 from raymap.writer import RayMapWriter
+from tracer.counts import Counts, DetectorCount
 from tracer.engine.wavefront import Wavefront
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.load import load_scene
@@ -68,7 +69,8 @@ class RecordResult:
     rays, records, bytes : of this run; ``bytes`` is 0 where no map was written
     seconds : from the first ray to the closed file, compilation excluded
     audit : per source how its rays ended, exclusive; they add up to ``emitted``
-    absorbed_by : objects and media with the light that they absorbed
+    absorbed_by : objects and media with the rays that they absorbed
+    fluxes : the same, and what each detector registered, as flux with its standard error
     warnings : one line each
     interrupted : stopped by Ctrl-C; the map is valid
     """
@@ -82,9 +84,19 @@ class RecordResult:
     seed: int
     audit: dict[str, dict[str, float]]
     absorbed_by: dict[str, dict[str, float]]
+    fluxes: dict[str, Any]
     warnings: list[str] = field(default_factory=list)
     interrupted: bool = False
-    detectors: dict[str, Any] = field(default_factory=dict, repr=False)
+    counts: Counts = field(repr=False)
+
+    @property
+    def detectors(self) -> dict[str, DetectorCount]:
+        """Flux by cell of each detector."""
+        return self.counts.detectors
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values, without the pictures of the detectors."""
+        return {item.name: getattr(self, item.name) for item in fields(self) if item.repr}
 
 
 def record(
@@ -302,9 +314,10 @@ class _Run:
             if executor is None:
                 pool.shutdown(wait=True, cancel_futures=True)
         notes = self._notes()
+        counts = self._counts()
         if self.writer:
             for k in range(len(self.compilation.directory.detectors)):
-                sums, sums2 = self._detector_sums(k)
+                sums, sums2 = counts.stored_sums(k)
                 self.writer.add_detector_result(k, sums, sums2, channel_set=self.channel_set)
         elapsed = time.perf_counter() - began
         if self.writer:
@@ -319,10 +332,6 @@ class _Run:
             elapsed = time.perf_counter() - began
         for note in notes:
             warnings.warn(note, StoppedLight, stacklevel=3)
-        detectors = {
-            item.name: self._detector_sums(k)
-            for k, item in enumerate(self.compilation.directory.detectors)
-        }
         return RecordResult(
             rays=self.tally.rays,
             records=self.tally.records,
@@ -333,16 +342,18 @@ class _Run:
             seed=self.seed,
             audit=self.tally.audit(),
             absorbed_by=self.tally.absorbed_by(),
+            fluxes=counts.fluxes(),
             warnings=notes,
             interrupted=interrupted,
-            detectors=detectors,
+            counts=counts,
         )
 
-    def _detector_sums(self, k: int) -> tuple[Any, Any]:
-        """What a detector counted in this run."""
-        if self.pinholes and k in self.pinholes.detectors:
-            return self.pinholes.detector_sums(k)
-        return self.tally.detector_sums(k)
+    def _counts(self) -> Counts:
+        """What was counted in this run, with the pictures of pinholes."""
+        counts = self.tally.counts()
+        if self.pinholes:
+            counts.detectors.update(self.pinholes.counts(self.tally.emitted))
+        return counts
 
     def _trace(self, pool: Executor, began: float) -> bool:
         """Keep every thread busy; commit in order. True if Ctrl-C stopped it."""

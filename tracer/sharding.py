@@ -22,6 +22,7 @@ from raymap.address import Address, place_of
 from raymap.cluster import TRIES, worker_count
 from raymap.errors import RayMapError, SceneError
 from raymap.shards import SUFFIX
+from tracer.counts import add_counts
 from tracer.shard_folder import begin_folder, owned_folder
 from tracer.shard_tasks import Shard, ShardTask, pack, trace_shard
 
@@ -297,10 +298,7 @@ def _joined(
     from tracer.recording import RecordResult
 
     rays = sum(result.rays for result in results)
-    detectors = {
-        name: tuple(sum(result.detectors[name][k] for result in results) for k in range(2))
-        for name in results[0].detectors
-    }
+    counts = add_counts([result.counts for result in results])
     return RecordResult(
         rays=rays,
         records=sum(result.records for result in results),
@@ -311,9 +309,10 @@ def _joined(
         seed=results[0].seed,
         audit=_summed([result.audit for result in results]),
         absorbed_by=_summed([result.absorbed_by for result in results]),
+        fluxes=counts.fluxes(),
         warnings=list(dict.fromkeys(note for result in results for note in result.warnings)),
         interrupted=interrupted,
-        detectors=detectors,
+        counts=counts,
     )
 
 

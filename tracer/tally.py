@@ -1,7 +1,9 @@
 """Sums over portions: how rays ended (the energy audit), and what detectors counted.
 
-Sums are exact: rays of weight 1 are counted in integers, colours in units of 1/65535, so that
-results do not depend on the order in which threads finish.
+Sums are kept apart by source: a ray of source s carries the flux Φ_s/N_s, which is not the same for
+all sources where ``share`` deals rays otherwise than flux. Rays of weight 1 are counted in
+integers, colours in units of 1/65535, so that results do not depend on the order in which threads
+finish. What several rays of one emission bring to one place is added up before it is squared.
 """
 
 from __future__ import annotations
@@ -14,10 +16,11 @@ from numpy.typing import NDArray
 
 from raymap.directory import ChannelSet, Directory
 from raymap.events import Event
-from raymap.kernels import lean_kernel
+from raymap.kernels import inner_kernel, lean_kernel
 from raymap.portion import Portion
 from raymap.schema import COLOR_SCALE
-from tracer.geometry.kinds import F64, I64
+from tracer.counts import Count, Counts, DetectorCount
+from tracer.geometry.kinds import F64, I64, Integer
 
 __all__ = ["CLASSES", "Tally"]
 
@@ -30,86 +33,166 @@ _VOLUME = int(Event.VOLUME_ABSORPTION)
 _LEAVING = int(Event.LEFT_SCENE)
 _STOP = int(Event.DEPTH_LIMIT | Event.ROULETTE_KILL)
 
+_MOST_VALUES = 2**24
+"""Beyond so many values sources that are given the same flux and share are summed together."""
+
 
 class Tally:
     """Adds up portions of one run; safe to call from many threads."""
 
     def __init__(self, directory: Directory, channel_set: ChannelSet) -> None:
         n_sources, n_objects = len(directory.sources), len(directory.objects)
+        n_media, n_detectors = len(directory.media), len(directory.detectors)
         self.directory = directory
         self.n_channels = channel_set.n_channels
         self.rays = 0
         self.records = 0
         self.emitted = np.zeros(n_sources, np.int64)
-        self.endings = np.zeros((n_sources, len(CLASSES)))
-        self.by_object = np.zeros(n_objects)
-        self.by_medium = np.zeros(len(directory.media))
+        self.fluxes = np.array([source.flux for source in directory.sources], np.float64)
         self.blocking = np.zeros(n_objects, np.int64)
         for detector in directory.detectors:
             if detector.blocking:
                 self.blocking[detector.object] = 1
         self._cells = np.array([item.cells for item in directory.detectors], np.int64)
         self._cells = self._cells.reshape(-1, 2)
-        sizes = self._cells[:, 0] * self._cells[:, 1] * self.n_channels
-        self._first = np.concatenate(([0], np.cumsum(sizes))).astype(np.int64)
-        self._sums = np.zeros((2, int(self._first[-1])))
+        areas = self._cells[:, 0] * self._cells[:, 1]
+        self._first = np.concatenate(([0], np.cumsum(areas))).astype(np.int64)
+        n_cells = int(self._first[-1])
+        per_group = n_cells * (self.n_channels + 1) + 2 * (n_objects + n_media)
+        self.group = self._groups(per_group)
+        n_groups = int(self.group.max(initial=-1)) + 1
+        # Sums and sums of squares by place, and what the emission at hand has brought there
+        self.endings = np.zeros((2, n_sources, len(CLASSES)))
+        self._taken = np.zeros((2, n_groups, n_objects + n_media))
+        self._whole = np.zeros((2, n_groups, n_detectors))
+        self._sums = np.zeros((n_groups, n_cells, self.n_channels))
+        self._sums2 = np.zeros((n_cells, self.n_channels))
+        self._squares = np.zeros((n_groups, n_cells))
+        self._last_place = np.full(len(CLASSES) + n_objects + n_media + n_detectors, -1, np.int64)
+        self._part_place = np.zeros(len(self._last_place))
+        self._last_cell = np.full(n_cells, -1, np.int64)
+        self._part_cell = np.zeros((n_cells, self.n_channels))
+        self._emissions = 0
         self._lock = threading.Lock()
+
+    def _groups(self, per_group: int) -> NDArray[np.int64]:
+        """Number of the sums that each source adds to."""
+        n = len(self.fluxes)
+        if n * per_group <= _MOST_VALUES:
+            return np.arange(n)
+        known: dict[tuple[float, Any], int] = {}
+        kinds = [(item.flux, item.parameters.get("share")) for item in self.directory.sources]
+        return np.array([known.setdefault(kind, len(known)) for kind in kinds], np.int64)
 
     def add(self, portion: Portion) -> None:
         """Add a portion."""
-        weight = portion.weight
+        weight, emission = portion.weight, portion.emission
         weights = np.ones(0) if weight is None else np.asarray(weight, np.float64)
+        emissions = np.zeros(0, np.int64) if emission is None else np.asarray(emission, np.int64)
         with self._lock:
             self.rays += portion.n_rays
             self.records += portion.n_records
             self.emitted += portion.emitted
-            _add_endings(
+            before = self._emissions
+            self._emissions = _add_endings(
                 portion.source, portion.records_per_ray, portion.event, portion.object,
-                portion.medium, weights, self.blocking, self.endings, self.by_object,
-                self.by_medium,
+                portion.medium, weights, emissions, self.blocking, self.group, self.endings,
+                self._taken, self._last_place, self._part_place, before,
             )  # fmt: skip
             if len(portion.descriptors.detector):
                 _add_meetings(
-                    portion.records_per_ray, portion.descriptor_count, portion.color_code,
-                    portion.color_table, weights, portion.descriptors.detector,
-                    portion.descriptors.cell, portion.descriptors.registered, self._cells,
-                    self._first, self._sums, self.n_channels,
+                    portion.source, portion.records_per_ray, portion.descriptor_count,
+                    portion.color_code, portion.color_table, weights, emissions,
+                    portion.descriptors.detector, portion.descriptors.cell,
+                    portion.descriptors.registered, self._cells, self._first, self.group,
+                    self._sums, self._sums2, self._squares, self._whole, self._last_cell,
+                    self._part_cell, self._last_place, self._part_place, before,
                 )  # fmt: skip
 
-    def detector_sums(self, detector: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Σ w c and Σ (w c)² of a detector, each (cells_v, cells_u, n_channels)."""
-        n_u, n_v = self._cells[detector]
-        part = self._sums[:, self._first[detector] : self._first[detector + 1]]
-        sums, sums2 = part.reshape(2, n_v, n_u, self.n_channels)
-        return sums / COLOR_SCALE, sums2 / COLOR_SCALE**2
+    # -- what was counted ------------------------------------------------------------------------
+
+    def counts(self) -> Counts:
+        """Everything as flux with standard errors, additive over the parts of a trace."""
+        directory = self.directory
+        return Counts(
+            flux_unit=directory.flux_unit,
+            sources=tuple(item.name for item in directory.sources),
+            classes=CLASSES,
+            endings=Count(
+                source_flux=self.fluxes,
+                emitted=self.emitted.astype(np.float64),
+                sums=self.endings[0].copy(),
+                squares=self.endings[1].copy(),
+            ),
+            objects=tuple(item.name for item in directory.objects),
+            media=tuple(item.name for item in directory.media),
+            taken=self._count(self._taken[0], self._taken[1]),
+            detectors={item.name: self.detector(k) for k, item in enumerate(directory.detectors)},
+        )
+
+    def detector(self, number: int) -> DetectorCount:
+        """What a detector counted."""
+        n_u, n_v = self._cells[number].tolist()
+        part = slice(int(self._first[number]), int(self._first[number + 1]))
+        by_channel = self._sums[:, part] / COLOR_SCALE
+        return DetectorCount(
+            cells=self._count(
+                by_channel.sum(axis=2).reshape(-1, n_v, n_u),
+                self._squares[:, part].reshape(-1, n_v, n_u) / COLOR_SCALE**2,
+            ),
+            whole=self._count(self._whole[0, :, number], self._whole[1, :, number]),
+            by_channel=by_channel.reshape(-1, n_v, n_u, self.n_channels),
+            sums2=self._sums2[part].reshape(n_v, n_u, self.n_channels) / COLOR_SCALE**2,
+        )
+
+    def detector_sums(self, number: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Σ w c and Σ over emissions of (Σ w c)², each (cells_v, cells_u, n_channels)."""
+        found = self.detector(number)
+        return found.sums, found.sums2
+
+    def _count(self, sums: NDArray[np.float64], squares: NDArray[np.float64]) -> Count:
+        n = len(sums)
+        return Count(
+            source_flux=np.bincount(self.group, self.fluxes, n).astype(np.float64),
+            emitted=np.bincount(self.group, self.emitted, n).astype(np.float64),
+            sums=sums.copy(),
+            squares=squares.copy(),
+        )
 
     def audit(self) -> dict[str, dict[str, float]]:
         """How the rays of each source ended; the classes add up to what it emitted."""
         table = {}
         for k, source in enumerate(self.directory.sources):
             row: dict[str, float] = {"emitted": int(self.emitted[k])}
-            row |= {name: _plain(self.endings[k, c]) for c, name in enumerate(CLASSES)}
+            row |= {name: _plain(self.endings[0, k, c]) for c, name in enumerate(CLASSES)}
             table[source.name] = row
         return table
 
     def absorbed_by(self) -> dict[str, dict[str, float]]:
-        """Where light was absorbed: objects and media with what they took."""
-        objects = {
-            item.name: _plain(self.by_object[k])
-            for k, item in enumerate(self.directory.objects)
-            if self.by_object[k] > 0.0
+        """Where rays were absorbed: objects and media with how many they took."""
+        taken = self._taken[0].sum(axis=0)
+        objects = [item.name for item in self.directory.objects]
+        media = [item.name for item in self.directory.media]
+        return {
+            "objects": {
+                name: _plain(rays)
+                for name, rays in zip(objects, taken[: len(objects)], strict=True)
+                if rays > 0.0
+            },
+            "media": {
+                name: _plain(rays)
+                for name, rays in zip(media, taken[len(objects) :], strict=True)
+                if rays > 0.0
+            },
         }
-        media = {
-            item.name: _plain(self.by_medium[k])
-            for k, item in enumerate(self.directory.media)
-            if self.by_medium[k] > 0.0
-        }
-        return {"objects": objects, "media": media}
 
     def share(self, name: str) -> float:
-        """Share of all rays that ended in a class."""
-        total = float(self.endings.sum())
-        return float(self.endings[:, CLASSES.index(name)].sum()) / total if total else 0.0
+        """Share of all light that ended in a class."""
+        emitted = self.emitted.astype(np.float64)
+        per_ray = np.divide(self.fluxes, emitted, out=np.zeros(len(emitted)), where=emitted > 0)
+        flux = per_ray @ self.endings[0]
+        total = float(flux.sum())
+        return float(flux[CLASSES.index(name)]) / total if total else 0.0
 
 
 def _plain(value: Any) -> float:
@@ -117,56 +200,128 @@ def _plain(value: Any) -> float:
     return int(value) if float(value).is_integer() else float(value)
 
 
+@inner_kernel
+def _bring(
+    sums: F64, group: int, place: int, slot: int, last: I64, part: F64, number: int, weight: float
+) -> None:
+    """Add a weight to a place; the square is that of all that emission ``number`` brings there."""
+    if last[slot] != number:
+        last[slot] = number
+        part[slot] = 0.0
+    sums[0, group, place] += weight
+    sums[1, group, place] += weight * (weight + 2.0 * part[slot])
+    part[slot] += weight
+
+
 @lean_kernel
 def _add_endings(
     source: Any, records_per_ray: Any, event: Any, obj: Any, medium: Any, weights: F64,
-    blocking: I64, endings: F64, by_object: F64, by_medium: F64,
-) -> None:  # fmt: skip
-    last = -1
+    emissions: I64, blocking: I64, group: I64, endings: F64, taken: F64, last: I64, part: F64,
+    number: int,
+) -> int:  # fmt: skip
+    """Add how the rays of a portion ended; the number of the last emission."""
+    n_classes, n_objects = endings.shape[2], len(blocking)
+    r = -1
     for ray in range(len(records_per_ray)):
-        last += records_per_ray[ray]
+        r += records_per_ray[ray]
+        if len(emissions) == 0 or ray == 0 or emissions[ray] != emissions[ray - 1]:
+            number += 1
         weight = weights[ray] if len(weights) > 0 else 1.0
-        bits = event[last]
+        bits = event[r]
+        place = -1
         if bits & _SURFACE != 0:
-            met = obj[last]
+            met = obj[r]
             ending = _DETECTED if blocking[met] != 0 else _ABSORBED
-            by_object[met] += weight
+            place = met
         elif bits & _LEAVING != 0:
             ending = _LEFT
         elif bits & _VOLUME != 0:
             ending = _ABSORBED
-            by_medium[medium[last]] += weight
+            place = n_objects + medium[r]
         elif bits & _STOP != 0:
             ending = _STOPPED
         else:
             ending = _ERRORS
-        endings[source[ray], ending] += weight
+        s = source[ray]
+        _bring(endings, s, ending, ending, last, part, number, weight)
+        if place >= 0:
+            _bring(taken, group[s], place, n_classes + place, last, part, number, weight)
+    return number
 
 
 @lean_kernel
 def _add_meetings(
-    records_per_ray: Any, descriptor_count: Any, color_code: Any, color_table: Any, weights: F64,
-    detector: Any, cell: Any, registered: Any, cells: I64, first: I64, sums: F64, n_channels: int,
+    source: Any, records_per_ray: Any, descriptor_count: Any, color_code: Any, color_table: Any,
+    weights: F64, emissions: I64, detector: Any, cell: Any, registered: Any, cells: I64,
+    first: I64, group: I64, sums: F64, sums2: F64, squares: F64, whole: F64, last_cell: I64,
+    part_cell: F64, last: I64, part: F64, number: int,
 ) -> None:  # fmt: skip
+    """Add what the detectors registered.
+
+    ``part_cell`` holds what emission ``last_cell`` has brought to a cell; both stay untouched until
+    an emission registers a second time.
+    """
+    n_channels = sums.shape[2]
+    beside = len(last) - whole.shape[2]
     record = 0
     d = 0
+    met, first_place, first_code, first_weight = 0, 0, 0, 0.0
     for ray in range(len(records_per_ray)):
+        if len(emissions) == 0 or ray == 0 or emissions[ray] != emissions[ray - 1]:
+            number += 1
+            met = 0
         weight = weights[ray] if len(weights) > 0 else 1.0
+        g = group[source[ray]]
         for _ in range(records_per_ray[ray]):
             for _ in range(descriptor_count[record]):
                 if registered[d]:
-                    number = detector[d]
-                    place = np.int64(cell[d, 1]) * cells[number, 0] + np.int64(cell[d, 0])
-                    base = first[number] + place * n_channels
-                    code = color_code[record]
-                    if code < n_channels:
-                        value = 65535.0 * weight
-                        sums[0, base + code] += value
-                        sums[1, base + code] += value * value
-                    else:
-                        for k in range(n_channels):
-                            value = color_table[code - n_channels, k] * weight
-                            sums[0, base + k] += value
-                            sums[1, base + k] += value * value
+                    seen = detector[d]
+                    _bring(whole, g, seen, beside + seen, last, part, number, weight)
+                    place = first[seen]
+                    place += np.int64(cell[d, 1]) * cells[seen, 0] + np.int64(cell[d, 0])
+                    code = np.int64(color_code[record])
+                    met += 1
+                    if met == 1:
+                        first_place, first_code, first_weight = int(place), int(code), weight
+                    elif met == 2:
+                        _keep(
+                            last_cell, part_cell, first_place, number, color_table, first_code,
+                            first_weight,
+                        )  # fmt: skip
+                    mixed = met > 1 and last_cell[place] == number
+                    before, added = 0.0, 0.0
+                    for k in range(n_channels):
+                        value = _light(color_table, code, k, n_channels, weight)
+                        own = part_cell[place, k] if mixed else 0.0
+                        before += own
+                        added += value
+                        if value != 0.0:
+                            sums[g, place, k] += value
+                            sums2[place, k] += value * (value + 2.0 * own)
+                    squares[g, place] += added * (added + 2.0 * before)
+                    if met > 1:
+                        _keep(last_cell, part_cell, place, number, color_table, code, weight)
                 d += 1
             record += 1
+
+
+@inner_kernel
+def _light(color_table: Any, code: Integer, k: int, n_channels: int, weight: float) -> float:
+    """Light of a ray in channel k, in units of 1/65535."""
+    if code < n_channels:
+        return 65535.0 * weight if code == k else 0.0
+    return float(color_table[code - n_channels, k] * weight)
+
+
+@inner_kernel
+def _keep(
+    last_cell: I64, part_cell: F64, place: Integer, number: int, color_table: Any, code: Integer,
+    weight: float,
+) -> None:  # fmt: skip
+    """Note what an emission has brought to a cell."""
+    if last_cell[place] != number:
+        last_cell[place] = number
+        for k in range(part_cell.shape[1]):
+            part_cell[place, k] = 0.0
+    for k in range(part_cell.shape[1]):
+        part_cell[place, k] += _light(color_table, code, k, part_cell.shape[1], weight)

@@ -27,6 +27,7 @@ from raymap.cells import is_pinhole
 from raymap.events import Event
 from raymap.kernels import inner_kernel, lean_kernel
 from raymap.portion import Portion
+from tracer.counts import Count, DetectorCount
 from tracer.engine.buffers import (
     KEY,
     MESH_BODY,
@@ -119,6 +120,8 @@ class Pinholes:
             k: np.zeros((2, *directory.detectors[k].cells[::-1], self.n_channels))
             for k in self.detectors
         }
+        # Squares of the light of all channels, by cell, and in the last place of the whole picture
+        self.squares = {k: np.zeros(sums[0, ..., 0].size + 1) for k, sums in self.sums.items()}
         self.objects = self._objects()
         self.share = _relative_flux(compilation)
         self._seen: dict[int, list[tuple[I64, I64, F64]]] = {}
@@ -204,12 +207,32 @@ class Pinholes:
         """Add the connections of a portion to the pictures."""
         for k, (cell, ray, light) in zip(self.detectors, self._seen.pop(first_ray), strict=True):
             sums = self.sums[k].reshape(2, -1, self.n_channels)
-            last, partial = np.full(len(sums[0]), -1, np.int64), np.zeros(sums[0].shape)
-            _add_up(cell, ray, light, sums[0], sums[1], last, partial)
+            last = np.full(len(sums[0]) + 1, -1, np.int64)
+            partial = np.zeros((len(last), self.n_channels))
+            _add_up(cell, ray, light, sums[0], sums[1], self.squares[k], last, partial)
 
-    def detector_sums(self, k: int) -> tuple[F64, F64]:
-        """Σ w c and Σ (w c)² of a pinhole, each (cells_v, cells_u, n_channels)."""
-        return self.sums[k][0].copy(), self.sums[k][1].copy()
+    def counts(self, emitted: I64) -> dict[str, DetectorCount]:
+        """What the pinholes have seen of so many rays per source, by name."""
+        directory = self.compilation.directory
+        flux = np.array([sum(source.flux for source in directory.sources)])
+        rays = np.array([float(emitted.sum())])
+        found = {}
+        for k in self.detectors:
+            sums, sums2 = self.sums[k].copy()
+            squares = self.squares[k].copy()
+            cells = Count(
+                source_flux=flux,
+                emitted=rays,
+                sums=sums.sum(axis=2)[None],
+                squares=squares[:-1].reshape(1, *sums.shape[:2]),
+            )
+            whole = Count(
+                source_flux=flux, emitted=rays, sums=sums.sum().reshape(1), squares=squares[-1:]
+            )
+            found[directory.detectors[k].name] = DetectorCount(
+                cells=cells, whole=whole, by_channel=sums[None], sums2=sums2
+            )
+        return found
 
     def _workspace(self) -> tuple[Buffers, MeshScratch | None]:
         if not hasattr(self._local, "buffers"):
@@ -376,18 +399,24 @@ def _nearest_mesh(mesh: MeshArrays, b: Buffers, scratch: MeshScratch, n: int) ->
 
 @lean_kernel
 def _add_up(
-    cell: I64, ray: I64, light: F64, sums: F64, sums2: F64, last: I64, partial: F64
+    cell: I64, ray: I64, light: F64, sums: F64, sums2: F64, squares: F64, last: I64, partial: F64
 ) -> None:
-    """Add light to cells; the square is that of all that one ray sends to a cell."""
+    """Add light to cells; squares are those of all that one ray sends to a cell, to all cells."""
+    whole = len(sums)
     for i in range(len(cell)):
-        c = cell[i]
-        if last[c] != ray[i]:
-            last[c] = ray[i]
+        for c in (cell[i], whole):
+            if last[c] != ray[i]:
+                last[c] = ray[i]
+                for k in range(light.shape[1]):
+                    partial[c, k] = 0.0
+            before, added = 0.0, 0.0
             for k in range(light.shape[1]):
-                partial[c, k] = 0.0
-        for k in range(light.shape[1]):
-            value = light[i, k]
-            old = partial[c, k]
-            sums[c, k] += value
-            sums2[c, k] += value * (2.0 * old + value)
-            partial[c, k] = old + value
+                value = light[i, k]
+                old = partial[c, k]
+                if c < whole:
+                    sums[c, k] += value
+                    sums2[c, k] += value * (2.0 * old + value)
+                partial[c, k] = old + value
+                before += old
+                added += value
+            squares[c] += added * (2.0 * before + added)

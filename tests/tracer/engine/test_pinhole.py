@@ -243,21 +243,21 @@ def test_sums_do_not_depend_on_threads_or_portions_and_add_up(tmp_path: Path) ->
     scene = parse_scene(UNITS + ROOM.format(satin=SATIN["lambertian"]))
     one = record(scene, tmp_path / "a.raymap", rays=6_000, threads=1, portion_rays=1_000)
     two = record(scene, tmp_path / "b.raymap", rays=6_000, threads=2, portion_rays=700)
-    assert np.array_equal(one.detectors["eye"][0], two.detectors["eye"][0])
-    assert np.array_equal(one.detectors["eye"][1], two.detectors["eye"][1])
+    assert np.array_equal(one.detectors["eye"].sums, two.detectors["eye"].sums)
+    assert np.array_equal(one.detectors["eye"].sums2, two.detectors["eye"].sums2)
     grown = tmp_path / "c.raymap"
     record(scene, grown, rays=4_000, threads=1)
     record(scene, grown, rays=2_000, threads=1, append=True)
     with raymap.open(grown) as ray_map:
         result = ray_map.detector_result("eye")
         assert result is not None
-        assert np.allclose(result[0], one.detectors["eye"][0], rtol=1e-12)
+        assert np.allclose(result[0], one.detectors["eye"].sums, rtol=1e-12)
         image = query.detector_image(ray_map, "eye")
         with pytest.raises(RayMapError, match="is a pinhole"):
             query.detector_image(ray_map, "eye", 'hit("panel")')
     direct = record(scene, rays=6_000, threads=1, no_rays=True)
-    assert np.array_equal(one.detectors["eye"][0], direct.detectors["eye"][0])
-    assert image.total == pytest.approx(100 / 6_000 * direct.detectors["eye"][0].sum())
+    assert np.array_equal(one.detectors["eye"].sums, direct.detectors["eye"].sums)
+    assert image.total == pytest.approx(100 / 6_000 * direct.detectors["eye"].sums.sum())
 
 
 def test_sources_count_by_their_flux_not_by_their_rays(tmp_path: Path) -> None:

@@ -1,0 +1,206 @@
+"""What a trace counted, as flux with its standard error.
+
+A ray of weight w that source s emitted carries the flux w Φ_s/N_s, N_s being the rays (emissions,
+where they split) that the source sent. So sums are kept by groups of sources of one Φ_s/N_s until
+the trace has ended:
+
+    flux = Σ_s Φ_s/N_s Σw,    se² = Σ_s (Φ_s/N_s)² [Σw² - (Σw)²/N_s],
+
+w being all that one emission brings to the place that is asked for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Count", "Counts", "DetectorCount", "add_counts"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Count:
+    """Sums at places of any shape, per group of sources.
+
+    Attributes
+    ----------
+    source_flux : (G,) flux of each group [flux unit]
+    emitted : (G,) rays (emissions) that it sent
+    sums : (G, …) Σw
+    squares : (G, …) Σ over emissions of (Σw)²
+    """
+
+    source_flux: Array
+    emitted: Array
+    sums: Array
+    squares: Array
+
+    def __add__(self, other: Count) -> Count:
+        return Count(
+            source_flux=self.source_flux,
+            emitted=self.emitted + other.emitted,
+            sums=self.sums + other.sums,
+            squares=self.squares + other.squares,
+        )
+
+    @property
+    def factors(self) -> Array:
+        """(G,) flux of a ray of weight 1."""
+        return np.divide(
+            self.source_flux, self.emitted, out=np.zeros(len(self.emitted)), where=self.emitted > 0
+        )
+
+    @property
+    def spread(self) -> Array:
+        """(G, …) squared standard error of Σw."""
+        counted = np.where(self.emitted > 0, self.emitted, np.inf)
+        shape = (-1, *[1] * (self.sums.ndim - 1))
+        return np.asarray(np.maximum(self.squares - self.sums**2 / counted.reshape(shape), 0.0))
+
+    @property
+    def flux(self) -> Array:
+        """(…) flux at each place [flux unit]."""
+        return np.asarray(np.tensordot(self.factors, self.sums, axes=1))
+
+    @property
+    def flux_se(self) -> Array:
+        """(…) standard error of the flux at each place."""
+        return np.asarray(np.sqrt(np.tensordot(self.factors**2, self.spread, axes=1)))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DetectorCount:
+    """What a detector counted.
+
+    Attributes
+    ----------
+    cells : flux by cell, places (cells_v, cells_u)
+    whole : flux by detector, no places
+    by_channel : (G, cells_v, cells_u, n_channels) Σ w c
+    sums2 : (cells_v, cells_u, n_channels) Σ over emissions of (Σ w c)²
+    """
+
+    cells: Count
+    whole: Count
+    by_channel: Array
+    sums2: Array
+
+    def __add__(self, other: DetectorCount) -> DetectorCount:
+        return DetectorCount(
+            cells=self.cells + other.cells,
+            whole=self.whole + other.whole,
+            by_channel=self.by_channel + other.by_channel,
+            sums2=self.sums2 + other.sums2,
+        )
+
+    @property
+    def sums(self) -> Array:
+        """(cells_v, cells_u, n_channels) Σ w c, unnormalised, as maps store it."""
+        return np.asarray(self.by_channel.sum(axis=0))
+
+    @property
+    def channels(self) -> Array:
+        """(cells_v, cells_u, n_channels) flux by cell and channel [flux unit]."""
+        return np.asarray(np.tensordot(self.cells.factors, self.by_channel, axes=1))
+
+    @property
+    def flux(self) -> Array:
+        """(cells_v, cells_u) flux by cell [flux unit]."""
+        return self.cells.flux
+
+    @property
+    def flux_se(self) -> Array:
+        """(cells_v, cells_u) standard error of the flux by cell."""
+        return self.cells.flux_se
+
+    @property
+    def total(self) -> float:
+        """All flux that the detector registered [flux unit]."""
+        return float(self.whole.flux)
+
+    @property
+    def total_se(self) -> float:
+        """Standard error of all flux."""
+        return float(self.whole.flux_se)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Counts:
+    """All that a trace counted; the counts of parts of one trace add up.
+
+    Attributes
+    ----------
+    flux_unit : of the map
+    sources, classes : names of the sources and of the ways in which rays end
+    endings : a group per source, places (n_classes,)
+    objects, media : names of what absorbs, the places of ``taken``
+    detectors : by name
+    """
+
+    flux_unit: str
+    sources: tuple[str, ...]
+    classes: tuple[str, ...]
+    endings: Count
+    objects: tuple[str, ...]
+    media: tuple[str, ...]
+    taken: Count
+    detectors: dict[str, DetectorCount] = field(default_factory=dict)
+
+    def __add__(self, other: Counts) -> Counts:
+        return Counts(
+            flux_unit=self.flux_unit,
+            sources=self.sources,
+            classes=self.classes,
+            endings=self.endings + other.endings,
+            objects=self.objects,
+            media=self.media,
+            taken=self.taken + other.taken,
+            detectors={name: own + other.detectors[name] for name, own in self.detectors.items()},
+        )
+
+    def stored_sums(self, number: int) -> tuple[Array, Array]:
+        """Unnormalised sums of a detector, as maps store them."""
+        found = list(self.detectors.values())[number]
+        return found.sums, found.sums2
+
+    def fluxes(self) -> dict[str, Any]:
+        """Flux and standard error of every ending, absorber and detector, as plain values."""
+        factors = self.endings.factors[:, None]
+        flux, se = factors * self.endings.sums, factors * np.sqrt(self.endings.spread)
+        sources = {}
+        for k, name in enumerate(self.sources):
+            sent = float(self.endings.source_flux[k]) if self.endings.emitted[k] > 0 else 0.0
+            row: dict[str, Any] = {"emitted": sent}
+            row |= {c: _plain(flux[k, j], se[k, j]) for j, c in enumerate(self.classes)}
+            sources[name] = row
+        flux, se = self.taken.flux, self.taken.flux_se
+        names = (*self.objects, *self.media)
+        lit = [k for k in range(len(names)) if flux[k] > 0.0]
+        n = len(self.objects)
+        return {
+            "unit": self.flux_unit,
+            "sources": sources,
+            "absorbed_by": {
+                "objects": {names[k]: _plain(flux[k], se[k]) for k in lit if k < n},
+                "media": {names[k]: _plain(flux[k], se[k]) for k in lit if k >= n},
+            },
+            "detectors": {
+                name: _plain(count.total, count.total_se) for name, count in self.detectors.items()
+            },
+        }
+
+
+def add_counts(parts: list[Counts]) -> Counts:
+    """Counts of all parts of one trace."""
+    total = parts[0]
+    for part in parts[1:]:
+        total += part
+    return total
+
+
+def _plain(flux: Any, se: Any) -> dict[str, float]:
+    return {"flux": float(flux), "flux_se": float(se)}
