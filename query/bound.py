@@ -110,7 +110,7 @@ class BoundLogic(BoundNode):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BoundAll(BoundNode):
-    """Point conditions at one point."""
+    """Point conditions at one point; without any, every point."""
 
     args: tuple[BoundNode, ...]
 

@@ -63,6 +63,8 @@ def _event_sets(value: object) -> tuple[c.EventSet, ...]:
             if not isinstance(arg, c.EventAt) or len(arg.events) != 1:
                 raise CriterionError("inside hit and event, all_ takes single event words")
             words.extend(arg.events[0])
+        if not words:
+            raise CriterionError("inside hit and event, all_ takes event words: all_('tir')")
         return (tuple(words),)
     raise CriterionError(f"expected an event word or Event, found {value!r}")
 
@@ -137,7 +139,10 @@ def event(*events: str | Event | c.All) -> c.EventAt:
 
 
 def all_(*conditions: c.Criterion | str | Event) -> c.All:
-    """Several point conditions, or event words, at one and the same point."""
+    """Several point conditions, or event words, at one and the same point.
+
+    Without any: every ray, as ``all`` in text.
+    """
     args = tuple(
         item if isinstance(item, c.Criterion) else c.EventAt(_event_sets(item))
         for item in conditions

@@ -115,6 +115,8 @@ def _point_logic(context: Context, node: b.BoundLogic) -> Pair:
 
 
 def _point_all(context: Context, node: b.BoundAll) -> Pair:
+    if not node.args:
+        return _both(np.ones(context.n_points, np.bool_))
     return _combine("and", [at_points(context, arg) for arg in node.args])
 
 

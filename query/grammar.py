@@ -183,6 +183,8 @@ class _Builder:
             return self.call(node)
         if kind == "word":
             word = str(node.children[0])
+            if word == "all":
+                return c.All()
             if word in FAMILIES:
                 raise self.fail(f"{word} is an event word: write event({word})", node)
             if word in _PLAIN_QUANTITIES or word in _RECORDED:

@@ -72,7 +72,7 @@ def _atom(node: c.Criterion) -> str:
     if isinstance(node, c.EventAt):
         return f"event({', '.join(_event_set(words) for words in node.events)})"
     if isinstance(node, c.All):
-        return f"all({', '.join(to_text(arg) for arg in node.args)})"
+        return f"all({', '.join(to_text(arg) for arg in node.args)})" if node.args else "all"
     if isinstance(node, c.Detected):
         regions = [_region(region) for region in node.regions]
         return f"{node.word}({', '.join(_names(node.names) + regions)})"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperCommand
 
-from raymap.errors import RayMapError
+from raymap.errors import CriterionError, RayMapError
 
 if TYPE_CHECKING:
     from raymap.reader import RayMap
@@ -256,12 +257,25 @@ def _group() -> None:
     """Record every light path of a Monte Carlo trace; ask which of them matter."""
 
 
+def _told(error: RayMapError) -> str:
+    """The line on stderr; a short criterion stands in it, with carets below."""
+    head = "error: "
+    lines = str(error).split("\n")
+    if not isinstance(error, CriterionError) or len(lines) != 3:
+        return f"{head}{error}"
+    message, shown, carets = lines[0], lines[1][2:].rstrip(), lines[2]
+    if len(head) + len(shown) > 72:
+        return f"{head}{error}"
+    message = re.sub(r" \(column \d+\)$", "", message)
+    return f"{head}{shown}: {message}\n{' ' * len(head)}{carets[2:]}"
+
+
 def main() -> None:
     """Run the command line: 0 good, 1 a refused request, 2 usage, 130 after Ctrl-C."""
     try:
         application()()
     except RayMapError as error:
-        typer.echo(f"error: {error}", err=True)
+        typer.echo(_told(error), err=True)
         raise SystemExit(1) from None
     except KeyboardInterrupt:
         raise SystemExit(130) from None

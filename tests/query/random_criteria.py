@@ -53,7 +53,7 @@ def _grow_points(inner: st.SearchStrategy[c.Criterion]) -> st.SearchStrategy[c.C
     )
 
 
-POINTS = st.recursive(st.one_of(HITS, HAPPENED), _grow_points, max_leaves=4)
+POINTS = st.recursive(st.one_of(HITS, HAPPENED, st.just(c.All())), _grow_points, max_leaves=4)
 
 REGIONS = st.one_of(
     st.builds(

@@ -153,3 +153,25 @@ def test_damage_is_said_and_strictness_fails(run: Any, path: Path, tmp_path: Pat
     assert "portion 1" in error
     assert [entry["portion"] for entry in json.loads(out)["damaged"]] == [1]
     run("query", copy, "length > 5", "--strict", code=1)
+
+
+def test_all_means_every_ray(run: Any, path: Path) -> None:
+    answers = [
+        json.loads(run("query", path, *words, "--count", "--json")[0])
+        for words in ([], ["all"], ["all()"], ["count(all) >= 1"], ["!!all"])
+    ]
+    assert [answer["matched"] for answer in answers] == [answers[0]["rays"]] * 5
+    assert json.loads(run("query", path, "!all", "--count", "--json")[0])["matched"] == 0
+
+
+def test_an_error_points_below_the_criterion(run: Any, path: Path) -> None:
+    _, err = run("query", path, 'hit("L9") & event(left)', code=1)
+    line, carets = err.splitlines()
+    assert line.startswith('error: hit("L9") & event(left): ')
+    assert carets.index("^") == line.index('"L9"')
+    assert carets.strip() == "^^^^"
+    long = " & ".join(['hit("L1")'] * 20 + ['hit("L9")'])
+    _, err = run("query", path, long, code=1)
+    message, shown, carets = err.splitlines()
+    assert "column" in message
+    assert shown[carets.index("^") :] == '"L9")'

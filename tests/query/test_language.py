@@ -45,6 +45,7 @@ def facts() -> MapFacts:
         ("last(absorbed)", "last(event(absorbed))"),
         ('all(hit("a"), reflected)', 'all(hit("a"), event(reflected))'),
         ('hit( "a" ,reflected )', 'hit("a", reflected)'),
+        ("all()", "all"),
     ],
 )
 def test_spellings_of_one_tree(text: str, same: str) -> None:
@@ -64,6 +65,7 @@ def test_python_builds_the_same_trees() -> None:
         ("tir",),
     )
     assert hit("a", "reflected") == parse('hit("a", reflected)')
+    assert all_() == parse("all")
 
 
 @pytest.mark.parametrize(
