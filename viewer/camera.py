@@ -45,7 +45,7 @@ STANDARD_VIEWS: dict[str, tuple[tuple[float, float, float], tuple[float, float, 
 
 def view_axes(camera: Camera) -> tuple[Array, Array, Array]:
     """Unit vectors right, up, forward."""
-    forward = np.subtract(camera.focal_point, camera.position)
+    forward = np.subtract(camera.focal_point, camera.position, dtype=np.float64)
     forward /= np.linalg.norm(forward)
     right = np.cross(forward, camera.view_up)
     right /= np.linalg.norm(right)

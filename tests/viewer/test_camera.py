@@ -112,3 +112,12 @@ def test_depth_grows_away_from_the_camera() -> None:
         points = origin + np.linspace(0.5, 2, 9)[:, None] * camera.height * direction
         flat = np.c_[points, np.ones(9)] @ matrix.T
         assert (np.diff(flat[:, 2] / flat[:, 3]) > 0).all()
+
+
+def test_a_camera_takes_whole_numbers() -> None:
+    whole = Camera(position=(0, 0, -10), focal_point=(0, 0, 0), view_up=(0, 1, 0), height=4)
+    same = Camera(
+        position=(0.0, 0.0, -10.0), focal_point=(0.0, 0.0, 0.0), view_up=(0.0, 1.0, 0.0), height=4.0
+    )
+    np.testing.assert_array_equal(view_matrix(whole, W, H, 5.0), view_matrix(same, W, H, 5.0))
+    assert orbit(whole, 10, 20, H) == orbit(same, 10, 20, H)
