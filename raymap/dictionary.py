@@ -2,78 +2,83 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from raymap.directory import FaceTable
 from raymap.errors import InvalidPortion
-from raymap.itineraries import (
-    Itineraries,
-    assign_faces,
-    fill_table,
-    gather_meetings,
-    gather_points,
-    group_rays,
-    hash_rays,
-    merge_paths,
-    sum_colors,
-    sum_weighted_colors,
-)
+from raymap.itineraries import assign_faces, sum_colors, sum_weighted_colors
 from raymap.paths import PathDictionary
+from raymap.pathwords import (
+    FaceColumns,
+    PathWords,
+    RayColumns,
+    enter_hashes,
+    number_rays,
+    words_needed,
+    write_paths,
+)
 from raymap.portion import Portion
 from raymap.schema import COLOR_SCALE
 from raymap.scratch import scratch
 
-__all__ = ["PathMerger", "color_sums", "find_paths", "itineraries_of", "offsets_of"]
+__all__ = [
+    "FoundPaths",
+    "Itineraries",
+    "PathMerger",
+    "color_sums",
+    "find_paths",
+    "itineraries_of",
+    "offsets_of",
+]
 
 MAX_SHARE = 0.5
 """A dictionary with more different paths than this share of the rays is not worth keeping."""
 
-
-def hashes_of(rays: Itineraries) -> NDArray[np.uint64]:
-    """(n,) hash of each itinerary."""
-    hashes = np.empty(rays.source.size, np.uint64)
-    hash_rays(rays, hashes)
-    return hashes
+_SPREAD = np.uint64(0x9FB21C651E98DF25)
+_NO_FACES = FaceColumns(*(np.empty(0, np.int32) for _ in range(5)))
 
 
-def take(rays: Itineraries, wanted: NDArray[np.int32]) -> Itineraries:
-    """The itineraries of the wanted rays, one after the other."""
-    offsets = offsets_of(np.diff(rays.offsets)[wanted])
-    n_points = int(offsets[-1])
+class Itineraries(NamedTuple):
+    """The columns of which paths are made, path after path (or ray after ray).
 
-    def gathered(column: NDArray[Any]) -> NDArray[Any]:
-        out = np.empty(n_points, column.dtype)
-        gather_points(wanted, rays.offsets, offsets, column, out)
-        return out
+    Attributes
+    ----------
+    source : (n,) int16
+    offsets : (n + 1,) int64, points of path (or ray) i are rows offsets[i]:offsets[i + 1]
+    object, face, event, medium : (n_points,)
+    meeting_offsets : (n_points + 1,) int64
+    detector, registered : (n_meetings,)
+    """
 
-    meeting_offsets = offsets_of(gathered(np.diff(rays.meeting_offsets)))
-    detector = np.empty(int(meeting_offsets[-1]), np.int16)
-    registered = np.empty(int(meeting_offsets[-1]), np.bool_)
-    gather_meetings(
-        wanted,
-        rays.offsets,
-        rays.meeting_offsets,
-        meeting_offsets,
-        offsets,
-        rays.detector,
-        rays.registered,
-        detector,
-        registered,
-    )
-    return Itineraries(
-        rays.source[wanted],
-        offsets,
-        gathered(rays.object),
-        gathered(rays.face),
-        gathered(rays.event),
-        gathered(rays.medium),
-        meeting_offsets,
-        detector,
-        registered,
-    )
+    source: NDArray[np.int16]
+    offsets: NDArray[np.int64]
+    object: NDArray[np.int16]
+    face: NDArray[np.int32]
+    event: NDArray[np.int32]
+    medium: NDArray[np.int16]
+    meeting_offsets: NDArray[np.int64]
+    detector: NDArray[np.int16]
+    registered: NDArray[np.bool_]
+
+
+class FoundPaths(NamedTuple):
+    """The different paths of a portion.
+
+    Attributes
+    ----------
+    table : by descending number of rays
+    numbers : (n_rays,) path of each ray
+    rays : (n_paths,) rays of each
+    explicit : primitives that the faces do not imply, in record order
+    """
+
+    table: Itineraries
+    numbers: NDArray[np.uint32]
+    rays: NDArray[np.int64]
+    explicit: NDArray[np.int32]
 
 
 def offsets_of(counts: NDArray[Any]) -> NDArray[np.int64]:
@@ -83,8 +88,8 @@ def offsets_of(counts: NDArray[Any]) -> NDArray[np.int64]:
     return offsets
 
 
-def itineraries_of(portion: Portion, faces: FaceTable) -> Itineraries:
-    """The itineraries of a portion's rays.
+def itineraries_of(portion: Portion, faces: FaceTable, offsets: NDArray[np.int64]) -> Itineraries:
+    """The itineraries of a portion's rays, which begin at ``offsets``.
 
     Raises
     ------
@@ -101,13 +106,10 @@ def itineraries_of(portion: Portion, faces: FaceTable) -> Itineraries:
         face,
     )
     if bad >= 0:
-        raise InvalidPortion(
-            f"record {bad} names object {portion.object[bad]}, primitive {portion.triangle[bad]}, "
-            "which the directory does not have"
-        )
+        raise _foreign(portion, bad)
     return Itineraries(
         portion.source,
-        offsets_of(portion.records_per_ray),
+        offsets,
         portion.object,
         face,
         portion.event,
@@ -118,26 +120,106 @@ def itineraries_of(portion: Portion, faces: FaceTable) -> Itineraries:
     )
 
 
-def find_paths(rays: Itineraries) -> tuple[Itineraries, NDArray[np.uint32]] | None:
-    """The different paths by descending number of rays, and each ray's path.
+def _foreign(portion: Portion, record: int) -> InvalidPortion:
+    return InvalidPortion(
+        f"record {record} names object {portion.object[record]}, primitive "
+        f"{portion.triangle[record]}, which the directory does not have"
+    )
 
-    Returns
-    -------
-    (paths, path_numbers), or None where paths repeat too little
+
+def find_paths(
+    portion: Portion, faces: FaceColumns, spread: np.uint64 = _SPREAD
+) -> FoundPaths | None:
+    """The different paths of a portion, None where they repeat too little.
+
+    Parameters
+    ----------
+    spread : factor of the hashes
+
+    Raises
+    ------
+    InvalidPortion
+        A record names an object or a primitive that the directory does not have.
     """
-    n_rays = rays.source.size
+    n_rays, n_records = portion.n_rays, portion.n_records
+    meetings = portion.descriptors
     limit = max(1, int(n_rays * MAX_SHARE))
-    table = np.full(1 << (2 * limit + 1).bit_length(), -1, np.int32)
-    group = np.empty(n_rays, np.int32)
-    representative = np.empty(limit, np.int32)
-    counts = np.empty(limit, np.int64)
-    found = group_rays(rays, hashes_of(rays), table, group, representative, counts)
-    if found < 0:
+    paths = PathWords(
+        scratch("words", words_needed(n_rays, n_records, len(meetings.detector)), np.uint64),
+        scratch("starts", limit + 2, np.int64),
+        scratch("hashes", limit + 1, np.uint64),
+        scratch("table", 1 << (2 * limit + 1).bit_length(), np.int32),
+    )
+    paths.starts[0] = 0
+    paths.table.fill(-1)
+    group = scratch("group", n_rays, np.uint32)
+    explicit = scratch("explicit", n_records, np.int32)
+    found = np.zeros(3, np.int64)
+    number_rays(
+        RayColumns(
+            portion.source,
+            portion.records_per_ray,
+            portion.object,
+            portion.triangle,
+            portion.event,
+            portion.medium,
+            portion.descriptor_count,
+            meetings.detector,
+            meetings.registered.view(np.uint8),
+        ),
+        faces,
+        paths,
+        0,
+        limit,
+        spread,
+        group,
+        explicit,
+        found,
+    )
+    n_paths, n_explicit, bad = (int(value) for value in found)
+    if bad >= 0:
+        raise _foreign(portion, bad)
+    if n_paths < 0:
         return None
-    order = np.argsort(-counts[:found], kind="stable")
-    rank = np.empty(found, np.uint32)
-    rank[order] = np.arange(found, dtype=np.uint32)
-    return take(rays, representative[:found][order]), rank[group]
+    # Number the paths by descending number of rays
+    rays = np.bincount(group, minlength=n_paths)
+    order = np.argsort(-rays, kind="stable")
+    rank = np.empty(n_paths, np.uint32)
+    rank[order] = np.arange(n_paths, dtype=np.uint32)
+    return FoundPaths(_unpacked(paths, order), rank[group], rays[order], explicit[:n_explicit])
+
+
+def _unpacked(paths: PathWords, order: NDArray[np.int64]) -> Itineraries:
+    """The itineraries of some paths."""
+    starts = paths.starts[order]
+    lengths = (paths.words[starts] >> np.uint64(16)).astype(np.int64)
+    offsets = offsets_of(lengths)
+    n, n_points = len(order), int(offsets[-1])
+    n_meetings = int((paths.starts[order + 1] - starts).sum()) - words_needed(n, n_points, 0)
+    columns = RayColumns(
+        np.empty(n, np.int16),
+        np.empty(n, np.int32),
+        np.empty(n_points, np.int16),
+        np.empty(n_points, np.int32),
+        np.empty(n_points, np.int32),
+        np.empty(n_points, np.int16),
+        np.empty(n_points, np.uint16),
+        np.empty(n_meetings, np.int16),
+        np.empty(n_meetings, np.uint8),
+    )
+    meeting_offsets = np.empty(n_points + 1, np.int64)
+    write_paths(order, paths, offsets, columns, meeting_offsets)
+    return Itineraries(
+        columns.source,
+        offsets,
+        columns.object,
+        columns.primitive,
+        columns.event,
+        columns.medium,
+        meeting_offsets,
+        columns.detector,
+        columns.registered.view(np.bool_),
+    )
 
 
 class PathMerger:
@@ -146,23 +228,12 @@ class PathMerger:
     def __init__(self) -> None:
         self.n_paths = 0
         self.grouped = False
-        self._offsets = np.zeros(1025, np.int64)
-        self._meeting_offsets = np.zeros(8193, np.int64)
-        self._paths: dict[str, NDArray[Any]] = {
-            "source": np.empty(1024, np.int16),
-            "hash": np.empty(1024, np.uint64),
-        }
-        self._points: dict[str, NDArray[Any]] = {
-            "object": np.empty(8192, np.int16),
-            "face": np.empty(8192, np.int32),
-            "event": np.empty(8192, np.int32),
-            "medium": np.empty(8192, np.int16),
-        }
-        self._meetings: dict[str, NDArray[Any]] = {
-            "detector": np.empty(1024, np.int16),
-            "registered": np.empty(1024, np.bool_),
-        }
-        self._table = np.full(4096, -1, np.int32)
+        self._paths = PathWords(
+            np.empty(2**15, np.uint64),
+            np.zeros(1025, np.int64),
+            np.empty(1024, np.uint64),
+            np.full(4096, -1, np.int32),
+        )
         self._rays = np.zeros(1024, np.int64)
         self._sum_w = np.zeros(1024)
         self._sum_w2 = np.zeros(1024)
@@ -171,38 +242,31 @@ class PathMerger:
     def add(self, paths: PathDictionary) -> NDArray[np.int32]:
         """Merge a dictionary; returns the global number of each of its paths."""
         self._make_room(paths)
-        local = Itineraries(
-            paths.source,
-            paths.offsets,
-            paths.object,
-            paths.face,
-            paths.event,
-            paths.medium,
-            paths.detector_offsets,
-            paths.detector,
-            paths.registered,
-        )
-        merged = Itineraries(
-            self._paths["source"],
-            self._offsets,
-            self._points["object"],
-            self._points["face"],
-            self._points["event"],
-            self._points["medium"],
-            self._meeting_offsets,
-            self._meetings["detector"],
-            self._meetings["registered"],
-        )
-        numbers = np.empty(paths.n_paths, np.int32)
-        self.n_paths = merge_paths(
-            local,
-            hashes_of(local),
-            merged,
-            self._paths["hash"],
-            self._table,
+        places = np.empty(paths.n_paths, np.uint32)
+        found = np.zeros(3, np.int64)
+        number_rays(
+            RayColumns(
+                _plain(paths.source, np.int16),
+                _plain(np.diff(paths.offsets), np.int32),
+                _plain(paths.object, np.int16),
+                _plain(paths.face, np.int32),
+                _plain(paths.event, np.int32),
+                _plain(paths.medium, np.int16),
+                _plain(np.diff(paths.detector_offsets), np.uint16),
+                _plain(paths.detector, np.int16),
+                _plain(paths.registered, np.bool_).view(np.uint8),
+            ),
+            _NO_FACES,
+            self._paths,
             self.n_paths,
-            numbers,
+            len(self._rays),
+            _SPREAD,
+            places,
+            np.empty(0, np.int32),
+            found,
         )
+        self.n_paths = int(found[0])
+        numbers = places.astype(np.int32)
         # Local paths differ from each other, so that no number occurs twice
         self._rays[numbers] += paths.rays
         self._sum_w[numbers] += paths.sum_w
@@ -216,14 +280,17 @@ class PathMerger:
     def dictionary(self) -> PathDictionary:
         """The merged dictionary as it stands."""
         n = self.n_paths
-        points = int(self._offsets[n])
-        meetings = int(self._meeting_offsets[points])
+        table = _unpacked(self._paths, np.arange(n))
         return PathDictionary(
-            source=self._paths["source"][:n].copy(),
-            offsets=self._offsets[: n + 1].copy(),
-            **{name: column[:points].copy() for name, column in self._points.items()},
-            detector_offsets=self._meeting_offsets[: points + 1].copy(),
-            **{name: column[:meetings].copy() for name, column in self._meetings.items()},
+            source=table.source,
+            offsets=table.offsets,
+            object=table.object,
+            face=table.face,
+            event=table.event,
+            medium=table.medium,
+            detector_offsets=table.meeting_offsets,
+            detector=table.detector,
+            registered=table.registered,
             rays=self._rays[:n].copy(),
             sum_w=self._sum_w[:n].copy(),
             sum_w2=self._sum_w2[:n].copy(),
@@ -240,27 +307,28 @@ class PathMerger:
         return self._sum_wc[channel_set]
 
     def _make_room(self, paths: PathDictionary) -> None:
+        words, starts, hashes, table = self._paths
         n = self.n_paths + paths.n_paths
-        points = int(self._offsets[self.n_paths]) + paths.n_points
-        meetings = int(self._meeting_offsets[self._offsets[self.n_paths]]) + paths.n_meetings
+        needed = int(starts[self.n_paths])
+        needed += words_needed(paths.n_paths, paths.n_points, paths.n_meetings)
         if n > len(self._rays):
             size = max(n, 2 * len(self._rays))
-            self._offsets = _grown(self._offsets, size + 1)
-            self._paths = {name: _grown(column, size) for name, column in self._paths.items()}
+            starts, hashes = _grown(starts, size + 1), _grown(hashes, size)
             self._rays = _grown(self._rays, size)
             self._sum_w = _grown(self._sum_w, size)
             self._sum_w2 = _grown(self._sum_w2, size)
             self._sum_wc = [_grown(sums, size) for sums in self._sum_wc]
-        if points > len(self._points["object"]):
-            size = max(points, 2 * len(self._points["object"]))
-            self._meeting_offsets = _grown(self._meeting_offsets, size + 1)
-            self._points = {name: _grown(column, size) for name, column in self._points.items()}
-        if meetings > len(self._meetings["detector"]):
-            size = max(meetings, 2 * len(self._meetings["detector"]))
-            self._meetings = {name: _grown(column, size) for name, column in self._meetings.items()}
-        if 2 * n > len(self._table):
-            self._table = np.full(1 << (4 * n).bit_length(), -1, np.int32)
-            fill_table(self._table, self._paths["hash"][: self.n_paths])
+        if needed > len(words):
+            words = _grown(words, max(needed, 2 * len(words)))
+        if 2 * n > len(table):
+            table = np.full(1 << (4 * n).bit_length(), -1, np.int32)
+            enter_hashes(table, hashes[: self.n_paths])
+        self._paths = PathWords(words, starts, hashes, table)
+
+
+def _plain(column: NDArray[Any], dtype: Any) -> NDArray[Any]:
+    """The column as compiled code has it: of one type, contiguous, and writeable by its kind."""
+    return np.require(column, dtype, ["C", "W"])
 
 
 def _grown(array: NDArray[Any], size: int) -> NDArray[Any]:

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from raymap.colors import runs_of_codes
-from raymap.dictionary import color_sums, find_paths, itineraries_of
+from raymap.dictionary import (
+    FoundPaths,
+    Itineraries,
+    color_sums,
+    find_paths,
+    itineraries_of,
+    offsets_of,
+)
 from raymap.directory import Directory
 from raymap.geometry import (
     end_residuals,
@@ -20,15 +27,16 @@ from raymap.geometry import (
     position_residuals,
     resolve_codes,
 )
-from raymap.itineraries import Itineraries, explicit_triangles
+from raymap.itineraries import explicit_triangles
 from raymap.layout import PORTION, pack_chunk_header
 from raymap.meetings import compile_detectors, encode_meetings
 from raymap.paths import PathDictionary
+from raymap.pathwords import face_columns
 from raymap.planes import split_positions
 from raymap.portion import Portion
 from raymap.portionmeta import DESCRIPTOR_STREAMS, Encoding, PortionMeta
 from raymap.schema import COLOR_SCALE
-from raymap.scratch import scratch
+from raymap.scratch import BufferPool, scratch
 from raymap.shapes import RayShapes, ShapeTable, compile_shapes, shape_codes
 from raymap.streams import Scope, StreamSet
 
@@ -47,16 +55,33 @@ class EncodedPortion:
     buffers : header and streams, to be written one after the other
     size : bytes of the chunk
     paths : the portion's dictionary for merging, None where it has plain columns
+    lent : what some of the buffers are part of, and where it goes back
     """
 
     meta: PortionMeta
     buffers: list[bytes | NDArray[np.uint8]]
     size: int
     paths: PathDictionary | None
+    lent: tuple[NDArray[np.uint8], BufferPool] | None = field(default=None, repr=False)
 
     @property
     def number(self) -> int:
         return self.meta.number
+
+    def release(self) -> None:
+        """Give the memory back once the buffers are written; they are gone then."""
+        self.buffers.clear()
+        if self.lent is not None:
+            self.lent[1].give(self.lent[0])
+
+
+class _Rays(NamedTuple):
+    """A portion's rays and the paths that they take."""
+
+    portion: Portion
+    offsets: NDArray[np.int64]
+    table: Itineraries
+    path_numbers: NDArray[np.uint32]
 
 
 class PortionEncoder:
@@ -75,29 +100,37 @@ class PortionEncoder:
         self.compact = compact
         self.shapes = compile_shapes(directory)
         self.detectors = compile_detectors(directory)
+        self._faces = face_columns(directory.faces)
+        self._pool = BufferPool()
 
     def encode(self, portion: Portion, number: int, n_channel_sets: int) -> EncodedPortion:
         """Encode one portion."""
-        rays = itineraries_of(portion, self.faces)
+        offsets = offsets_of(portion.records_per_ray)
         streams = StreamSet(raw=self.raw)
-        found = None if self.raw or not portion.n_rays else find_paths(rays)
+        found = None if self.raw or not portion.n_rays else find_paths(portion, self._faces)
         paths = None
         if found is None:
-            table, path_numbers = rays, np.arange(portion.n_rays, dtype=np.uint32)
-            n_paths, n_points, n_meetings = portion.n_rays, portion.n_records, len(rays.detector)
-            add_itineraries(streams, rays)
+            table = itineraries_of(portion, self.faces, offsets)
+            path_numbers = np.arange(portion.n_rays, dtype=np.uint32)
+            n_paths, n_points = portion.n_rays, portion.n_records
+            n_meetings = len(table.detector)
+            explicit = self._explicit(portion, table)
+            add_itineraries(streams, table)
         else:
-            table, path_numbers = found
-            paths = _with_sums(table, path_numbers, portion, rays.offsets, n_channel_sets)
+            table, path_numbers, explicit = found.table, found.numbers, found.explicit
+            paths = _with_sums(found, portion, offsets, n_channel_sets)
             n_paths, n_points, n_meetings = paths.n_paths, paths.n_points, paths.n_meetings
             add_itineraries(streams, table)
             _add_sums(streams, paths, portion)
             small = np.uint16 if n_paths <= 2**16 else np.uint32
             streams.add("path_number", path_numbers.astype(small), Scope.RAY)
-        self._add_triangles(streams, portion, rays)
-        encodings = self._add_geometry(streams, portion, rays, table, path_numbers)
-        encodings |= self._add_descriptors(streams, portion, rays)
-        _add_colors(streams, portion, rays.offsets, self.raw)
+        if len(explicit):
+            streams.add("triangle", explicit)
+        lent = None if self.raw or self.compact else self._pool.take(12 * portion.n_records)
+        rays = _Rays(portion, offsets, table, path_numbers)
+        encodings = self._add_geometry(streams, rays, lent)
+        encodings |= self._add_descriptors(streams, portion)
+        _add_colors(streams, portion, offsets, self.raw)
         _add_rays(streams, portion)
         ids = portion.ray_ids if portion.n_rays else None
         first = portion.first_ray if ids is None else int(ids[0])
@@ -117,7 +150,7 @@ class PortionEncoder:
             has_weights=portion.weight is not None,
             grouped=portion.emission is not None,
             encodings=encodings,
-            emitted=portion.emitted,
+            emitted=portion.emitted.copy(),
         )
         header = pack_chunk_header(PORTION, meta.pack(), streams.entries)
         return EncodedPortion(
@@ -125,42 +158,36 @@ class PortionEncoder:
             buffers=[header, *streams.buffers],
             size=len(header) + streams.stored_bytes,
             paths=paths,
+            lent=None if lent is None else (lent, self._pool),
         )
 
-    def _add_triangles(self, streams: StreamSet, portion: Portion, rays: Itineraries) -> None:
-        """Store what the face does not imply: the primitive where a face has several or none."""
-        table = self.faces
+    def _explicit(self, portion: Portion, rays: Itineraries) -> NDArray[np.int32]:
+        """Primitives that the faces do not imply: of faces that have several, or none."""
         explicit = scratch("explicit", portion.n_records, np.int32)
         n = explicit_triangles(
             rays.face,
-            table.first_primitive,
-            table.primitive_count,
+            self.faces.first_primitive,
+            self.faces.primitive_count,
             portion.object,
             portion.triangle,
             explicit,
         )
-        if n:
-            streams.add("triangle", explicit[:n])
+        return explicit[:n]
 
-    def _add_geometry(
-        self,
-        streams: StreamSet,
-        portion: Portion,
-        rays: Itineraries,
-        table: Itineraries,
-        path_numbers: NDArray[np.uint32],
-    ) -> int:
+    def _add_geometry(self, streams: StreamSet, rays: _Rays, room: NDArray[np.uint8] | None) -> int:
         """Store positions and normals; returns the encodings chosen."""
-        if not self.raw and not self.compact:
-            planes = split_positions(portion.position)
+        portion = rays.portion
+        if room is not None:
+            planes = room[: 12 * portion.n_records].reshape(12, -1)
+            split_positions(portion.position, planes)
             for axis, name in enumerate("xyz"):
                 own = planes[4 * axis : 4 * axis + 4]
                 streams.add_planes(f"position.{name}", np.float32, own, Scope.RECORD)
             if portion.implied_normals:
-                return _add_end_normals(streams, portion, rays)
+                return _add_end_normals(streams, portion, rays.offsets, self.faces.first_face)
         if self.raw and not portion.implied_normals:
             return _add_raw_geometry(streams, portion)
-        codes = self._shape_codes(portion, rays, table, path_numbers)
+        codes = self._shape_codes(rays)
         if portion.implied_normals:
             normal = portion.normal.copy()
             imply_normals(codes, self.shapes.gradient, portion.position, normal)
@@ -170,27 +197,24 @@ class PortionEncoder:
         chosen = _add_positions(streams, portion, codes, self.shapes) if self.compact else 0
         return chosen | _add_normals(streams, portion, rays.offsets, codes, self.shapes)
 
-    def _shape_codes(
-        self,
-        portion: Portion,
-        rays: Itineraries,
-        table: Itineraries,
-        path_numbers: NDArray[np.uint32],
-    ) -> NDArray[np.int32]:
+    def _shape_codes(self, rays: _Rays) -> NDArray[np.int32]:
         """Shape code of each record."""
+        table = rays.table
         point_codes = np.empty(table.object.size, np.int32)
         shape_codes(
             table.offsets, table.object, table.face, table.event, self.shapes.face_code, point_codes
         )
-        codes = scratch("codes", portion.n_records, np.int32)
+        codes = scratch("codes", rays.portion.n_records, np.int32)
         resolve_codes(
-            RayShapes(path_numbers, table.offsets, rays.offsets, point_codes, portion.triangle),
+            RayShapes(
+                rays.path_numbers, table.offsets, rays.offsets, point_codes, rays.portion.triangle
+            ),
             self.shapes,
             codes,
         )
         return codes
 
-    def _add_descriptors(self, streams: StreamSet, portion: Portion, rays: Itineraries) -> int:
+    def _add_descriptors(self, streams: StreamSet, portion: Portion) -> int:
         """Store the meetings beyond what the paths say; returns the encodings chosen."""
         d = portion.descriptors
         n = len(d.detector)
@@ -217,7 +241,8 @@ class PortionEncoder:
             )
 
         # Let the first meetings say against which direction cosines are positive
-        few = portion.descriptor_count[: np.searchsorted(rays.meeting_offsets, _FEW_MEETINGS)]
+        so_far = np.cumsum(portion.descriptor_count, dtype=np.int64)
+        few = portion.descriptor_count[: np.searchsorted(so_far, _FEW_MEETINGS) + 1]
         reverse = missed(few, True) < missed(few, False)
         if missed(portion.descriptor_count, reverse) > _nonzero(plain):
             for name, column in zip(DESCRIPTOR_STREAMS, plain, strict=True):
@@ -323,22 +348,32 @@ def _add_normals(
     return int(Encoding.NORMALS)
 
 
-def _add_end_normals(streams: StreamSet, portion: Portion, rays: Itineraries) -> int:
+def _add_end_normals(
+    streams: StreamSet,
+    portion: Portion,
+    offsets: NDArray[np.int64],
+    first_face: NDArray[np.int32],
+) -> int:
     """Store normals of which only those at the ends of rays are not implied."""
-    folded = scratch("normals", 3 * portion.n_records, np.uint16).reshape(3, -1)
-    end_residuals(
-        rays.offsets,
-        rays.face,
-        rays.object,
-        rays.event,
+    places = scratch("places", 2 * portion.n_rays, np.int32)
+    folded = scratch("folded", 6 * portion.n_rays, np.uint16).reshape(3, -1)
+    n = end_residuals(
+        offsets,
+        first_face,
+        portion.object,
+        portion.triangle,
+        portion.event,
         portion.source,
         np.zeros((len(portion.emitted), 3), np.int16),
         portion.position,
         portion.normal,
+        places,
         folded,
     )
     for axis, name in enumerate("xyz"):
-        streams.add(f"normal.{name}", folded[axis], Scope.RECORD)
+        streams.add_sparse(
+            f"normal.{name}", portion.n_records, places[:n], folded[axis, :n], Scope.RECORD
+        )
     return int(Encoding.NORMALS)
 
 
@@ -362,14 +397,10 @@ def _compact(counts: NDArray[Any]) -> NDArray[Any]:
 
 
 def _with_sums(
-    table: Itineraries,
-    path_numbers: NDArray[np.uint32],
-    portion: Portion,
-    offsets: NDArray[np.int64],
-    n_channel_sets: int,
+    found: FoundPaths, portion: Portion, offsets: NDArray[np.int64], n_channel_sets: int
 ) -> PathDictionary:
+    table, path_numbers, rays = found.table, found.numbers, found.rays
     n_paths = table.source.size
-    rays = np.bincount(path_numbers, minlength=n_paths).astype(np.int64)
     if portion.weight is None and portion.emission is None:
         sum_w, sum_w2 = rays.astype(np.float64), rays.astype(np.float64)
     else:

@@ -410,34 +410,63 @@ def imply_normals(
 @kernel
 def end_residuals(
     record_offsets: NDArray[np.int64],
-    faces: NDArray[np.int32],
+    first_face: NDArray[np.int32],
     objects: NDArray[np.int16],
+    triangles: NDArray[np.int32],
     events: NDArray[np.int32],
     sources: NDArray[np.int16],
     emission: NDArray[np.int16],
     position: NDArray[np.float32],
     normal: NDArray[np.int16],
+    places: NDArray[np.int32],
     folded: NDArray[np.uint16],
-) -> None:
+) -> int:
     """As `normal_residuals` where all points on faces have the normal that is predicted.
 
-    Only emission and the ends of rays that left have residuals; the rest of ``folded``, which is
-    (3, n_records), becomes zero.
+    Only emission and the ends of rays that left have residuals.
+
+    Parameters
+    ----------
+    places : (2 n_rays,) out, records with a residual; folded : (3, 2 n_rays) out, their residuals
+
+    Returns
+    -------
+    n : how many there are
     """
-    folded[:] = 0
+    n = np.uint64(0)
+    one = np.uint64(1)
     for ray in range(sources.size):
         first = np.uint64(record_offsets[ray])
         last = np.uint64(record_offsets[ray + 1] - 1)
         source = np.uint16(sources[ray])
-        if faces[first] < 0:
-            for k in range(3):
-                folded[k, first] = _fold(normal[first, k], int(emission[source, k]))
-                emission[source, k] = normal[first, k]
+        item = objects[first]
+        free = item < 0 or triangles[first] < 0
+        if not free:
+            free = first_face[np.uint16(item)] == first_face[np.uint64(item) + one]
+        if free:
+            x = _fold(normal[first, 0], int(emission[source, 0]))
+            y = _fold(normal[first, 1], int(emission[source, 1]))
+            z = _fold(normal[first, 2], int(emission[source, 2]))
+            if x | y | z:
+                places[n] = first
+                folded[0, n], folded[1, n], folded[2, n] = x, y, z
+                n += one
+                for k in range(3):
+                    emission[source, k] = normal[first, k]
         if last > first and objects[last] < 0 and events[last] & LEFT_SCENE:
-            px, py, pz = _from_before(last, LEFT, -1, source, position, emission, emission)
-            folded[0, last] = _fold(normal[last, 0], px)
-            folded[1, last] = _fold(normal[last, 1], py)
-            folded[2, last] = _fold(normal[last, 2], pz)
+            px, py, pz = _scaled(
+                np.float64(position[last, 0]) - np.float64(position[last - one, 0]),
+                np.float64(position[last, 1]) - np.float64(position[last - one, 1]),
+                np.float64(position[last, 2]) - np.float64(position[last - one, 2]),
+            )
+            x = _fold(normal[last, 0], px)
+            y = _fold(normal[last, 1], py)
+            z = _fold(normal[last, 2], pz)
+            if x | y | z:
+                places[n] = last
+                folded[0, n], folded[1, n], folded[2, n] = x, y, z
+                n += one
+    return np.int64(n)  # type: ignore[return-value]
 
 
 @kernel

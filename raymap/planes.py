@@ -70,12 +70,10 @@ def _split_points(bits: NDArray[np.uint32], planes: NDArray[np.uint8]) -> None:
             p3[i] = np.uint8(value >> 24)
 
 
-def split_positions(position: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Byte planes of points: (12, n) uint8, those of x first, least significant first."""
+def split_positions(position: NDArray[np.float32], planes: NDArray[np.uint8]) -> None:
+    """Write the byte planes of points, (12, n): those of x first, least significant first."""
     points = np.ascontiguousarray(position, np.float32)
-    planes = np.empty((12, len(points)), np.uint8)
     _split_points(points.reshape(-1).view(np.uint32), planes)
-    return planes
 
 
 def split_planes(values: NDArray[Any]) -> NDArray[np.uint8]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["scratch"]
+__all__ = ["BufferPool", "scratch"]
 
 _KEPT_BYTES = 2**26
 _local = threading.local()
@@ -28,3 +28,30 @@ def scratch(name: str, n: int, dtype: Any) -> NDArray[Any]:
     if name not in kept or kept[name].size < size:
         kept[name] = np.empty(size + size // 4, np.uint8)
     return kept[name][:size].view(wanted)
+
+
+class BufferPool:
+    """Buffers that go from one thread to another and back; safe to use from many threads.
+
+    Memory that is freed goes back to the system and is cleared page by page when it is taken again,
+    which costs as much as filling it.
+    """
+
+    def __init__(self, kept: int = 8) -> None:
+        self._kept = kept
+        self._free: list[NDArray[np.uint8]] = []
+
+    def take(self, size: int) -> NDArray[np.uint8]:
+        """A buffer of at least ``size`` bytes of any content."""
+        try:
+            buffer = self._free.pop()
+        except IndexError:
+            buffer = None
+        if buffer is None or not size <= buffer.size <= max(4 * size, _KEPT_BYTES):
+            return np.empty(size + size // 8, np.uint8)
+        return buffer
+
+    def give(self, buffer: NDArray[np.uint8]) -> None:
+        """Take a buffer back, which nobody uses any more."""
+        if len(self._free) < self._kept:
+            self._free.append(buffer)

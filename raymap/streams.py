@@ -59,6 +59,10 @@ LEVEL = 1
 _TRIAL = 8192
 _WORTHWHILE = 0.9
 _SMALL = 2**15
+_FEW = 64
+_BLOCK = 2**17
+_FRAME = bytes.fromhex("28B52FFD A0")
+"""Magic number and the descriptor of a frame of one segment whose content size has 4 bytes."""
 
 
 class Scope(IntEnum):
@@ -124,10 +128,14 @@ class StreamSet:
         flat = np.ascontiguousarray(values, KINDS[kind]).reshape(-1)
         width = int(np.prod(values.shape[1:], dtype=np.int64))
         size = flat.dtype.itemsize
-        if self.raw or size > 8:
-            self._add_plane(name, kind, WHOLE, scope, width, flat.view(np.uint8))
-        elif size == 1:
-            self._add_plane(name, kind, 0, scope, width, flat.view(np.uint8))
+        if self.raw or size > 8 or size == 1:
+            content = flat.view(np.uint8)
+            plane = 0 if size == 1 and not self.raw else WHOLE
+            codec, stored = (STORED, content) if self.raw else compress_plane(content)
+            if stored is content and np.may_share_memory(content, values):
+                # The caller may use its column again before the stream is written
+                stored = content.copy()
+            self._append(name, kind, codec, plane, scope, width, content.size, stored)
         else:
             for plane, content in enumerate(_split(flat)):
                 self._add_plane(name, kind, plane, scope, width, content)
@@ -135,10 +143,33 @@ class StreamSet:
     def add_planes(
         self, name: str, dtype: Any, planes: Iterable[NDArray[np.uint8]], scope: Scope
     ) -> None:
-        """Encode a column of which the byte planes are there already."""
+        """Encode a column of which the byte planes are there already; they stay as they are."""
         kind = kind_of(np.dtype(dtype))
         for plane, content in enumerate(planes):
             self._add_plane(name, kind, plane, scope, 1, content)
+
+    def add_sparse(
+        self,
+        name: str,
+        rows: int,
+        places: NDArray[np.int32],
+        values: NDArray[Any],
+        scope: Scope,
+    ) -> None:
+        """Encode a column of zeros but for a few values at increasing places."""
+        kind = kind_of(values.dtype)
+        if self.raw or len(places) > _FEW:
+            column = np.zeros(rows, values.dtype)
+            column[places] = values
+            self.add(name, column, scope)
+            return
+        for plane, content in enumerate(values.view(np.uint8).reshape(len(values), -1).T):
+            there = np.flatnonzero(content)
+            if len(there):
+                codec, stored = ZSTD, frame_of_zeros(rows, places[there], content[there])
+            else:
+                codec, stored = CONSTANT, b"\0"
+            self._append(name, kind, codec, plane, scope, 1, rows, stored)
 
     def add_bytes(self, name: str, data: bytes, level: int = 9) -> None:
         """Store opaque bytes (text) under one name."""
@@ -156,7 +187,7 @@ class StreamSet:
     def _add_plane(
         self, name: str, kind: int, plane: int, scope: Scope, width: int, content: NDArray[np.uint8]
     ) -> None:
-        codec, stored = (STORED, content) if self.raw else compress_plane(content)
+        codec, stored = compress_plane(content)
         self._append(name, kind, codec, plane, scope, width, content.size, stored)
 
     def _append(
@@ -196,6 +227,27 @@ def compress_plane(content: NDArray[np.uint8]) -> tuple[int, bytes | NDArray[np.
             return STORED, content
     packed = compressor.compress(content.data)
     return (ZSTD, packed) if len(packed) < n * _WORTHWHILE else (STORED, content)
+
+
+def frame_of_zeros(n: int, places: NDArray[np.int32], values: NDArray[np.uint8]) -> bytes:
+    """The zstandard frame of n bytes that are zero but for those at the (increasing) places.
+
+    Blocks of one repeated byte between blocks of bytes as they are: nothing of the length n is made
+    or searched.
+    """
+    blocks: list[tuple[int, int, bytes]] = []
+    done = 0
+    for place, value in zip([*places.tolist(), n], [*values.tolist(), 0], strict=True):
+        for start in range(done, place, _BLOCK):
+            blocks.append((1, min(_BLOCK, place - start), b"\0"))
+        if place < n:
+            blocks.append((0, 1, bytes([value])))
+        done = place + 1
+    frame = [_FRAME, n.to_bytes(4, "little")]
+    for number, (kind, size, content) in enumerate(blocks):
+        last = number == len(blocks) - 1
+        frame += [(last | kind << 1 | size << 3).to_bytes(3, "little"), content]
+    return b"".join(frame)
 
 
 def stream_rows(entry: StreamEntry) -> int:

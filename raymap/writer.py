@@ -388,6 +388,8 @@ class RayMapWriter:
 
     def _write_portion(self, encoded: EncodedPortion) -> None:
         meta = encoded.meta
+        if not encoded.buffers:
+            raise InvalidPortion(f"portion {meta.number} was written before; encode it again")
         if meta.n_rays and meta.first_ray < self._next_ray:
             raise InvalidPortion(
                 f"portion {meta.number} begins with ray {meta.first_ray}, but rays up to "
@@ -395,6 +397,7 @@ class RayMapWriter:
             )
         offset = self._appender.end
         self._written += self._appended(encoded.buffers)
+        encoded.release()
         self._footer.portions.append(IndexEntry(offset, encoded.size, meta))
         self._local_to_global.append(
             None if encoded.paths is None else self._merger.add(encoded.paths)

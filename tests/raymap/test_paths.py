@@ -168,20 +168,17 @@ def test_plain_portions_show_the_same_view(tmp_path):
 
 def test_equal_hashes_do_not_join_different_paths():
     """The hash only finds candidates: itineraries are compared in full."""
-    from raymap import itineraries
-    from raymap.dictionary import itineraries_of
+    from raymap.dictionary import find_paths
+    from raymap.pathwords import face_columns
 
     portion = portion_at(0, n_rays=60, n_paths=12)
-    rays = itineraries_of(portion, small_directory().faces)
+    table = face_columns(small_directory().faces)
     faces = np.where(portion.object == 0, np.minimum(portion.triangle, 1), -1)
-    n_keys = len({_key(portion, faces, ray) for ray in range(60)})
-    group = np.empty(60, np.int32)
-    found = itineraries.group_rays(
-        rays,
-        np.zeros(60, np.uint64),
-        np.full(256, -1, np.int32),
-        group,
-        np.empty(60, np.int32),
-        np.empty(60, np.int64),
+    keys = [_key(portion, faces, ray) for ray in range(60)]
+    found = find_paths(portion, table, np.uint64(0))
+    usual = find_paths(portion, table)
+    assert found.table.source.size == len(set(keys))
+    np.testing.assert_array_equal(found.numbers, usual.numbers)
+    assert len({(number, key) for number, key in zip(found.numbers, keys, strict=True)}) == len(
+        set(keys)
     )
-    assert found == n_keys
