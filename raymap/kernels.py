@@ -13,15 +13,23 @@ from typing import Any, TypeVar, cast
 import numba
 import numpy as np
 
+from raymap.compilecache import keep_compiled
+
 __all__ = ["inline_kernel", "inner_kernel", "kernel", "lean_kernel", "number", "unsigned"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 
+def _compiled(function: F, **options: bool) -> F:
+    def decorate(cache: bool) -> Any:
+        return numba.njit(nogil=True, cache=cache, error_model="numpy", **options)(function)
+
+    return cast(F, keep_compiled(decorate))
+
+
 def kernel(function: F) -> F:
     """Compile a function of numbers and arrays on its first call; the machine code is cached."""
-    compiled = numba.njit(nogil=True, cache=True, error_model="numpy")(function)
-    return cast(F, compiled)
+    return _compiled(function)
 
 
 def lean_kernel(function: F) -> F:
@@ -30,21 +38,12 @@ def lean_kernel(function: F) -> F:
     The function must not allocate. Helpers that take arrays cost about 30 ns a call otherwise
     (counts are atomic), and compile slowly.
     """
-    compiled = numba.njit(nogil=True, cache=True, error_model="numpy", _nrt=False)(function)
-    return cast(F, compiled)
+    return _compiled(function, _nrt=False)
 
 
 def inner_kernel(function: F) -> F:
     """As `lean_kernel`, to be called from compiled code only: compiles without a Python door."""
-    compiled = numba.njit(
-        nogil=True,
-        cache=True,
-        error_model="numpy",
-        _nrt=False,
-        no_cpython_wrapper=True,
-        no_cfunc_wrapper=True,
-    )(function)
-    return cast(F, compiled)
+    return _compiled(function, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
 def inline_kernel(function: F) -> F:
@@ -52,16 +51,9 @@ def inline_kernel(function: F) -> F:
 
     A call that hands over arrays copies their descriptions, which costs more than a short step.
     """
-    compiled = numba.njit(
-        nogil=True,
-        cache=True,
-        error_model="numpy",
-        _nrt=False,
-        forceinline=True,
-        no_cpython_wrapper=True,
-        no_cfunc_wrapper=True,
-    )(function)
-    return cast(F, compiled)
+    return _compiled(
+        function, _nrt=False, forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True
+    )
 
 
 @inline_kernel
