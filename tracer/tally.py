@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.directory import ChannelSet, Directory
+from raymap.errors import SceneError
 from raymap.events import Event
 from raymap.kernels import inner_kernel, lean_kernel
 from raymap.portion import Portion
@@ -42,7 +43,7 @@ class Tally:
 
     def __init__(self, directory: Directory, channel_set: ChannelSet) -> None:
         n_sources, n_objects = len(directory.sources), len(directory.objects)
-        n_media, n_detectors = len(directory.media), len(directory.detectors)
+        n_media = len(directory.media)
         self.directory = directory
         self.n_channels = channel_set.n_channels
         self.rays = 0
@@ -61,19 +62,28 @@ class Tally:
         per_group = n_cells * (self.n_channels + 1) + 2 * (n_objects + n_media)
         self.group = self._groups(per_group)
         n_groups = int(self.group.max(initial=-1)) + 1
-        # Sums and sums of squares by place, and what the emission at hand has brought there
-        self.endings = np.zeros((2, n_sources, len(CLASSES)))
-        self._taken = np.zeros((2, n_groups, n_objects + n_media))
+        try:
+            self._allocate(n_groups, n_cells, n_objects + n_media)
+        except (MemoryError, ValueError):
+            raise SceneError(
+                f"the detectors' {n_cells:,} cells do not fit in memory; give them fewer cells"
+            ) from None
+        self._emissions = 0
+        self._lock = threading.Lock()
+
+    def _allocate(self, n_groups: int, n_cells: int, n_takers: int) -> None:
+        """Sums and squares by place, and what the emission at hand (from 1 on) has brought."""
+        n_detectors = len(self._cells)
+        places = len(CLASSES) + n_takers + n_detectors
+        self.endings = np.zeros((2, len(self.fluxes), len(CLASSES)))
+        self._taken = np.zeros((2, n_groups, n_takers))
         self._whole = np.zeros((2, n_groups, n_detectors))
         self._sums = np.zeros((n_groups, n_cells, self.n_channels))
         self._sums2 = np.zeros((n_cells, self.n_channels))
         self._squares = np.zeros((n_groups, n_cells))
-        self._last_place = np.full(len(CLASSES) + n_objects + n_media + n_detectors, -1, np.int64)
-        self._part_place = np.zeros(len(self._last_place))
-        self._last_cell = np.full(n_cells, -1, np.int64)
+        self._last_place, self._part_place = np.zeros(places, np.int64), np.zeros(places)
+        self._last_cell = np.zeros(n_cells, np.int64)
         self._part_cell = np.zeros((n_cells, self.n_channels))
-        self._emissions = 0
-        self._lock = threading.Lock()
 
     def _groups(self, per_group: int) -> NDArray[np.int64]:
         """Number of the sums that each source adds to."""

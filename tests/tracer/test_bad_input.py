@@ -144,3 +144,83 @@ def test_bad_meshes_are_refused_or_warned_about(tmp_path: Path) -> None:
     trimesh.util.concatenate([box, other]).export(file)
     with pytest.warns(MeshWarning, match="mesh 'b': 12 edges run through triangles elsewhere"):
         compiled(MESH, tmp_path)
+
+
+LENS = (
+    '[media.g]\nindex = 1.5\n[bodies.b]\nkind = "lens"\nmedium = "g"\nthickness = 3\n'
+    "front = { radius = 50, semi_diameter = 9 }\n"
+)
+SECOND = (
+    'back = { radius = -50, semi_diameter = 9 }\n[bodies.c]\nkind = "lens"\nmedium = "g"\n'
+    'position = [0, 0, 3]\nthickness = 3\nfront = { cemented = "b" }\n'
+)
+
+SLIPS = {
+    "aperture of 1e308": (
+        LENS.replace("9 }", "1e308 }") + "back = { radius = -50, semi_diameter = 9 }",
+        r"bodies\.b\.front\.semi_diameter: input should be less than or equal to 1000000000000",
+    ),
+    "body of no size": (
+        BALL.replace("= 1", "= 1e-300"), r"bodies\.b\.radius: must be at least 1e-12",
+    ),
+    "unknown table": (
+        BALL + "[foo]\nx = 1\n",
+        r"foo: unknown key; known are bodies, cad_files, contacts, detectors, .*, world$",
+    ),
+    "name of what scenes hold within": ('[text]\na = 1\n', r"text: unknown key; known are"),
+    "glass of a body": (
+        BALL + 'glass = "N-BK7"\n',
+        r"bodies\.b\.glass: unknown key; glass belongs to a medium: write \[media\.NAME\]",
+    ),
+    "medium that is a glass": (
+        BALL + 'medium = "N-BK7"\n',
+        r"no medium 'N-BK7'; it is a glass of the catalogue: add \[media\.N-BK7\] glass = 'N-BK7'",
+    ),
+    "cement in a circle": (
+        LENS.replace("front = { radius = 50, semi_diameter = 9 }", 'front = { cemented = "c" }')
+        + SECOND + "back = { radius = 70, semi_diameter = 9 }\n",
+        r"bodies\.b\.front\.cemented: .*'b' and 'c' are cemented in a circle",
+    ),
+    "cement twice": (
+        LENS + SECOND + 'back = { radius = 70, semi_diameter = 9 }\n'
+        + SECOND.partition("\n")[2].replace("bodies.c", "bodies.d")
+        + "back = { radius = 70, semi_diameter = 9 }\n",
+        r"bodies\.d\.front\.cemented: the back of 'b' is cemented to 'c' already",
+    ),
+    "cement at a back": (
+        LENS + 'back = { cemented = "b" }\n', r"bodies\.b\.back\.cemented: lenses are cemented at"
+    ),
+    "direction of no length": (
+        BALL + "axis = [1e-300, 0, 0]\n", r"bodies\.b: axis must not be the zero vector"
+    ),
+    "contacts without crystals": (
+        'contacts = [["b", "b"]]\n', r"contacts: is for scenes with crystals"
+    ),
+    "depth beyond all bounds": ("[limits]\ndepth = 10000000\n", r"limits\.depth: input should be"),
+    "rays of an emission": (
+        '[trace]\nmode = "weighted"\nsplit_depth = 1\nrays_per_emission = 1000000\n',
+        r"trace\.rays_per_emission: input should be less than or equal to 65536",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", SLIPS)
+def test_slips_of_the_pen_are_refused_in_one_line(case: str, tmp_path: Path) -> None:
+    text, message = SLIPS[case]
+    if text.startswith("contacts"):
+        unit, _, rest = HEAD.partition("\n")
+        text = f"!{unit}\n{text}{rest}"
+    with pytest.raises(SceneError, match=message) as caught:
+        compile_scene(parse_scene(text[1:] if text[0] == "!" else HEAD + text, folder=tmp_path))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_lens_without_a_rim_has_a_black_one() -> None:
+    from tests.tracer.engine.tracing import trace
+
+    text = LENS + "back = { radius = inf, semi_diameter = 9 }\n"
+    text += '[sources.s]\nkind = "collimated"\nposition = [0, 0, -9]\ndiameter = 1\n'
+    found = trace(text, 100)
+    faces = found.compilation.directory.objects[0].faces
+    surface = found.compilation.directory.surfaces[faces[2].surface]
+    assert (faces[2].name, surface.name) == ("rim", "absorber")

@@ -82,6 +82,7 @@ def absorbing_plate(
     if not thickness_mm > 0.0:
         raise SceneError(f"plate: thickness_mm is {thickness_mm:g}, it must be positive")
     x, y, xi = _outer(s_x, s_y, n_before)
+    _check_outside(n_after, "n_after")
     d = berreman_matrices(medium, x, y, wavelength_nm)
     # A lossless medium of about the same index carries the slices
     n_own = float(np.sqrt(np.abs(medium.complex_tensor(wavelength_nm)).max()))
@@ -125,7 +126,18 @@ def absorbing_interface(
     return reflection, (through / own)[..., ::-1]
 
 
+def _check_outside(index: float, name: str) -> None:
+    """Refuse crystals and absorbing media outside."""
+    if isinstance(index, Crystal) or not (np.isrealobj(index) and 0.0 < float(index) < np.inf):
+        what = f"crystal {index.name!r}" if isinstance(index, Crystal) else repr(index)
+        raise SceneError(
+            f"plate: {name} is {what}; an absorbing crystal needs a clear isotropic medium there: "
+            "give its index, a positive number"
+        )
+
+
 def _outer(s_x: ArrayLike, s_y: ArrayLike, n_before: float) -> tuple[Real, Real, Real]:
+    _check_outside(n_before, "n_before")
     x, y = np.broadcast_arrays(np.asarray(s_x, np.float64), np.asarray(s_y, np.float64))
     xi = np.hypot(x, y)
     if np.any(xi >= n_before):

@@ -253,6 +253,14 @@ def compile_bodies(
         for name in pair:
             if name not in names:
                 raise SceneError(f"contact names {name!r}, the bodies are {', '.join(names)}")
+        if pair[0] == pair[1]:
+            raise SceneError(f"contact [{pair[0]!r}, {pair[1]!r}]: a body has none with itself")
+        for name in pair:
+            if not bodies[names.index(name)].convex:
+                raise SceneError(
+                    f"contact [{pair[0]!r}, {pair[1]!r}]: {name!r} is a mesh; contacts join boxes, "
+                    "prisms and rhombs, leave a gap about a mesh"
+                )
     everything = np.concatenate([body.vertices for body in bodies]) if bodies else np.zeros((1, 3))
     scale = float(np.ptp(everything, axis=0).max()) or 1.0
     for i, a in enumerate(bodies):
@@ -262,6 +270,11 @@ def compile_bodies(
             if gap < -1e-7 * scale:
                 raise SceneError(
                     f"bodies {a.name!r} and {b.name!r} overlap by {-gap:.3g} mm; move them apart"
+                )
+            if gap >= 1e-7 * scale and stated:
+                raise SceneError(
+                    f"contact [{a.name!r}, {b.name!r}]: the bodies are {gap:.3g} mm apart; move "
+                    "them together, or drop the contact"
                 )
             if gap < 1e-7 * scale and not stated:
                 raise SceneError(

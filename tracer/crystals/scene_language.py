@@ -31,6 +31,7 @@ from tracer.crystals.recorder import (
     hashed_directory,
 )
 from tracer.crystals.rhomb_body import RhombBody
+from tracer.crystals.rows import ISOTROPIC, KIND
 from tracer.geometry.bodies import Body, BoxBody, MeshBody, PrismBody
 from tracer.scene.model import RGB_NM, MediumModel, Scene
 
@@ -42,6 +43,8 @@ __all__ = ["CrystalCompilation", "CrystalWavefront", "compile_crystals", "crysta
 Array = NDArray[np.float64]
 
 _BODIES = "box, prism, rhomb and mesh"
+_MOST_KAPPA = 0.05
+"""Up to here what a face reflects differs by less than 1e-3 from that of the real tensor."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -103,13 +106,22 @@ def crystal_scene_of(scene: Scene) -> CrystalScene:
     sources = {name: source for name, source in scene.sources.items() if source.on}
     if not sources:
         raise _refused(scene, "sources", "there is no source that is on; add [sources.NAME]")
+    world = _medium(scene, scene.world.medium, None)
+    for wavelength in scene.spectrum.channels().tolist():
+        if world.row(wavelength)[KIND] != ISOTROPIC:
+            raise _refused(
+                scene,
+                "world.medium",
+                f"{scene.world.medium!r} is a crystal; light must come from an isotropic medium: "
+                "put the crystal into a body",
+            )
     return CrystalScene(
         name=scene.title or "crystals",
         bodies=tuple(_body(scene, name, body) for name, body in scene.bodies.items()),
         sources=tuple(_pencil(scene, name, source) for name, source in sources.items()),
         detectors=tuple(_plane(scene, name) for name in scene.detectors),
         wavelengths_nm=tuple(float(w) for w in scene.spectrum.channels()),
-        world=_medium(scene, scene.world.medium, None),
+        world=world,
         contacts=scene.contacts,
         depth=scene.limits.depth,
         text=scene.text,
@@ -132,7 +144,9 @@ def _medium(scene: Scene, name: str, axis: Array | None) -> Crystal:
     model, place = scene.media[name], f"{scene.origin}: media.{name}"
     if model.crystal is not None:
         try:
-            return medium_of(name, CrystalModel.model_validate(model.crystal), axis)
+            crystal = medium_of(name, CrystalModel.model_validate(model.crystal), axis)
+            _refuse_dark(scene, name, crystal)
+            return crystal
         except ValidationError as error:
             first = error.errors()[0]
             key = ".".join(["crystal", *(str(part) for part in first["loc"])])
@@ -146,6 +160,19 @@ def _medium(scene: Scene, name: str, axis: Array | None) -> Crystal:
         return float(refractive_index(model, np.array([wavelength_nm]), place)[0])
 
     return isotropic(index, name=name, kappa=_extinction(model))
+
+
+def _refuse_dark(scene: Scene, name: str, crystal: Crystal) -> None:
+    """Refuse absorption that changes what a face reflects."""
+    for wavelength in scene.spectrum.channels().tolist():
+        kappa = float(crystal.principal_kappa(wavelength).max())
+        if kappa > _MOST_KAPPA:
+            raise SceneError(
+                f"media.{name}.crystal.absorption: kappa is {kappa:g} at {wavelength:g} nm; so "
+                "dark a crystal reflects by its complex tensor, scenes take at most "
+                f"{_MOST_KAPPA:g}; "
+                "tracer.crystals.absorbing has plates and faces of dark crystals in isotropic media"
+            )
 
 
 def _extinction(model: MediumModel) -> Any:

@@ -22,7 +22,7 @@ from tracer.geometry.shapes import (
     Shape,
     SphereCap,
 )
-from tracer.scene.fields import Node, Placed, Positive
+from tracer.scene.fields import Length, Node, Placed, Positive
 
 if TYPE_CHECKING:
     from tracer.geometry.mesh import TriangleMesh
@@ -90,8 +90,8 @@ class LensFace(Node):
 
     radius: float = math.inf
     semi_diameter: Positive | None = None
-    conic: float = 0.0
-    aspheric: Annotated[tuple[float, ...], Field(max_length=6)] = ()
+    conic: Length = 0.0
+    aspheric: Annotated[tuple[Length, ...], Field(max_length=6)] = ()
     cemented: str | None = None
     surface: str | None = None
 
@@ -99,7 +99,7 @@ class LensFace(Node):
         if self.cemented is None:
             if self.semi_diameter is None:
                 raise ValueError("semi_diameter is missing")
-            if self.radius == 0.0 or math.isnan(self.radius):
+            if math.isnan(self.radius) or abs(self.radius) < 1e-12:
                 raise ValueError("radius must not be 0; a flat face has radius = inf")
             if math.isnan(self.sag(self.semi_diameter)):
                 raise ValueError(
@@ -159,7 +159,7 @@ class LensBody(Body):
     thickness: Positive
     front: LensFace
     back: LensFace
-    rim: str = "black"
+    rim: str = "absorber"
     diameter: Positive | None = None
     hole: Positive | None = None
 
@@ -190,6 +190,11 @@ class LensBody(Body):
         return self.thickness + self.back.sag(min(r, self.back.semi_diameter or 0.0))
 
     def problems(self) -> list[str]:
+        if self.back.cemented is not None:
+            return [
+                "back.cemented: lenses are cemented at the front of the one behind; give the back "
+                f"its shape, and write front.cemented in {self.back.cemented!r}"
+            ]
         h = min(self.front.semi_diameter or 0.0, self.back.semi_diameter or 0.0)
         inner = self.hole_radius
         if inner >= h:
@@ -256,7 +261,7 @@ class RingBody(Body):
     """A flat ring, or a disc without ``inner``: stops, baffles, seats. Its normal is the axis."""
 
     kind: Literal["ring", "disc"]
-    inner: Annotated[float, Field(ge=0)] = 0.0
+    inner: Annotated[Length, Field(ge=0)] = 0.0
     outer: Positive
     stop: bool = False
 
@@ -307,8 +312,8 @@ class ConeBody(Body):
     """A cone or frustum from the position along its axis."""
 
     kind: Literal["cone"]
-    radius: Annotated[float, Field(ge=0)]
-    end_radius: Annotated[float, Field(ge=0)] = 0.0
+    radius: Annotated[Length, Field(ge=0)]
+    end_radius: Annotated[Length, Field(ge=0)] = 0.0
     length: Positive
     open: bool = False
 
@@ -383,7 +388,7 @@ class PrismBody(Body):
     """
 
     kind: Literal["prism"]
-    outline: Annotated[tuple[tuple[float, float], ...], Field(min_length=3)]
+    outline: Annotated[tuple[tuple[Length, Length], ...], Field(min_length=3)]
     length: Positive
 
     def problems(self) -> list[str]:

@@ -100,6 +100,12 @@ class _Compiler:
 
     def compile(self) -> Compilation:
         scene, faces = self.scene, self.faces
+        if scene.contacts:
+            raise self.fail(
+                "contacts",
+                "is for scenes with crystals; faces of other bodies that touch are found and "
+                "need no mention: drop it",
+            )
         if not any(source.on for source in scene.sources.values()):
             raise self.fail(
                 "sources",

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from tracer.scene.fields import Node, Positive, Vector
+from tracer.scene.fields import Node, Positive, Vector, is_direction
 
 __all__ = ["DetectorModel"]
 
@@ -34,6 +34,12 @@ _NEEDED: dict[str, tuple[str, ...]] = {
     "pinhole": ("position", "looks", "cells", "field_deg"),
     "surface": ("face",),
 }
+
+
+def _parallel(a: Vector, b: Vector) -> bool:
+    """Whether two directions are the same or opposite."""
+    u, v = np.array(a) / np.linalg.norm(a), np.array(b) / np.linalg.norm(b)
+    return bool(np.linalg.norm(np.cross(u, v)) < 1e-9)
 
 
 class DetectorModel(Node):
@@ -78,13 +84,15 @@ class DetectorModel(Node):
         for name in _NEEDED[self.kind]:
             if name not in self.model_fields_set:
                 raise ValueError(f"{name} is missing: a {self.kind} detector needs it")
-        if np.linalg.norm(np.cross(self.looks, self.up)) < 1e-9:
+        if not (is_direction(self.looks) and is_direction(self.up)):
+            raise ValueError("looks and up must not be the zero vector")
+        if _parallel(self.looks, self.up):
             raise ValueError("looks and up must be two different directions")
         if self.surface is not None and not self.blocking:
             raise ValueError("only a blocking detector has a surface")
-        if not any(self.axis):
+        if not is_direction(self.axis):
             raise ValueError("axis must not be the zero vector")
-        if self.c0 is not None and np.linalg.norm(np.cross(self.axis, self.c0)) < 1e-9:
+        if self.c0 is not None and (not is_direction(self.c0) or _parallel(self.axis, self.c0)):
             raise ValueError("c0 must lie across the axis")
         low, high = self.gamma_deg
         if not 0.0 <= low < high <= 180.0:

@@ -7,16 +7,38 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
 from raymap.errors import SceneError
 
-__all__ = ["ByWavelength", "Node", "Placed", "Positive", "Share", "Spectral", "Vector"]
+__all__ = [
+    "ByWavelength",
+    "Finite",
+    "Length",
+    "Node",
+    "Placed",
+    "Positive",
+    "Share",
+    "Spectral",
+    "Vector",
+    "is_direction",
+]
 
 Array = NDArray[np.float64]
-Length = Annotated[float, Field(allow_inf_nan=False)]
+LARGEST = 1e12
+"""What is larger, or smaller than its inverse, is a slip of the pen."""
+
+
+def _not_tiny(value: float) -> float:
+    if value < 1.0 / LARGEST:
+        raise ValueError(f"must be at least {1.0 / LARGEST:g}")
+    return value
+
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Length = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
 Vector = tuple[Length, Length, Length]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, le=LARGEST, allow_inf_nan=False), AfterValidator(_not_tiny)]
 Share = Annotated[float, Field(ge=0, le=1)]
 
 
@@ -88,7 +110,7 @@ class Placed(Node):
     def model_post_init(self, context: Any) -> None:
         if self.axis is not None and self.rotation is not None:
             raise ValueError("give axis or rotation, not both")
-        if self.axis is not None and not any(self.axis):
+        if self.axis is not None and not is_direction(self.axis):
             raise ValueError("axis must not be the zero vector")
 
     def frame(self) -> tuple[Array, Array]:
@@ -99,6 +121,11 @@ class Placed(Node):
         if self.axis is not None:
             return origin, _turn_to(np.array(self.axis, float))
         return origin, np.eye(3)
+
+
+def is_direction(vector: Vector) -> bool:
+    """Whether a vector is long enough to point somewhere."""
+    return math.hypot(*vector) > 1e-9
 
 
 def _rotation(angles_deg: Vector) -> Array:

@@ -36,6 +36,14 @@ Model = TypeVar("Model", bound=BaseModel)
 
 _KINDS: dict[str, type[Body]] = BODIES | {"rhomb": RhombBody}
 
+_INTERNAL = {"text", "origin", "folder", "selecting"}
+_TABLES = (set(Scene.model_fields) - _INTERNAL) | {
+    "use", "leave_out", "variants", "simulations", "lens_files", "cad_files",
+}  # fmt: skip
+"""What may stand at the top of a scene file."""
+
+_OF_MEDIA = set(MediumModel.model_fields)
+
 _NAMED: dict[str, type[BaseModel]] = {
     "media": MediumModel,
     "surfaces": SurfaceModel,
@@ -116,6 +124,10 @@ def parse_scene(
         if name not in known:
             raise SceneError(f"{origin}: there is no variant {name!r}{_nearest(name, known)}")
         tree = _overlaid(tree, known[name])
+    for key in tree:
+        if key not in _TABLES:
+            known = dict.fromkeys(sorted(_TABLES), 0)
+            raise SceneError(f"{origin}: {key}: unknown key{_nearest(key, known)}")
     tree["text"] = text
     tree["origin"] = origin
     tree["folder"] = str(folder)
@@ -220,6 +232,10 @@ def _validated(model: type[Model], entry: Any, place: str, origin: str) -> Model
         return model.model_validate(entry)
     except ValidationError as error:
         raise SceneError(f"{origin}: {_first_line(error, model, place)}") from None
+    except ArithmeticError:
+        raise SceneError(
+            f"{origin}: {place}: its numbers are too large or too small to compute with"
+        ) from None
 
 
 def _first_line(error: ValidationError, model: type[BaseModel], place: str) -> str:
@@ -234,6 +250,11 @@ def _first_line(error: ValidationError, model: type[BaseModel], place: str) -> s
         fields = annotation if isinstance(annotation, type) and issubclass(annotation, BaseModel) else fields  # fmt: skip # noqa: E501
     key = ".".join(part for part in [place, *parts] if part)
     if problem["type"] == "extra_forbidden":
+        if issubclass(model, Body) and parts[-1] in _OF_MEDIA:
+            return (
+                f"{key}: unknown key; {parts[-1]} belongs to a medium: write [media.NAME] with "
+                f'{parts[-1]}, and medium = "NAME" here'
+            )
         return f"{key}: unknown key{_nearest(parts[-1], fields.model_fields)}"
     if problem["type"] == "missing":
         return f"{key}: is missing"

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.directory import Medium
-from raymap.errors import SceneError
+from raymap.errors import RayMapError, SceneError
 from tracer.optics import dispersion, phase
 from tracer.optics.glasses import Glass, find_glass
 from tracer.scene.fields import ByWavelength
@@ -49,11 +49,24 @@ class MediumTable:
         """
         if name not in self.names:
             known = dict.fromkeys(self.names, 0)
+            if _is_glass(name):
+                raise SceneError(
+                    f"{self.origin}: {place}: there is no medium {name!r}; it is a glass of the "
+                    f"catalogue: add [media.{name}] glass = {name!r}"
+                )
             raise SceneError(
                 f"{self.origin}: {place}: there is no medium {name!r}{_nearest(name, known)} "
                 f"(or add [media.{name}])"
             )
         return self.names.index(name)
+
+
+def _is_glass(name: str) -> bool:
+    try:
+        find_glass(name)
+    except RayMapError:
+        return False
+    return True
 
 
 def medium_table(scene: Scene, wavelengths_nm: Array) -> MediumTable:

@@ -14,7 +14,7 @@ from pydantic import Field, SerializeAsAny, SerializerFunctionWrapHandler, model
 
 from tracer.geometry.bodies import Body
 from tracer.scene.detector_model import DetectorModel
-from tracer.scene.fields import Node, Positive, Share, Spectral
+from tracer.scene.fields import Finite, Length, Node, Positive, Share, Spectral
 from tracer.scene.rare_light import TraceModel
 from tracer.scene.selecting import Selecting
 from tracer.scene.source_model import SourceModel
@@ -67,8 +67,8 @@ class Spectrum(Node):
 class Sellmeier(Node):
     """n² = 1 + Σ b λ² / (λ² - c), λ in µm, c in µm²."""
 
-    b: tuple[float, float, float]
-    c: tuple[float, float, float]
+    b: tuple[Finite, Finite, Finite]
+    c: tuple[Finite, Finite, Finite]
 
 
 class Phase(Node):
@@ -76,9 +76,9 @@ class Phase(Node):
 
     kind: Literal["isotropic", "henyey_greenstein", "generalized", "rayleigh", "tabulated"]
     g: Annotated[float, Field(gt=-1, lt=1)] = 0.0
-    gamma: float = 1.5
-    angle_deg: tuple[float, ...] = ()
-    value: tuple[float, ...] = ()
+    gamma: Annotated[float, Field(ge=-1000, le=1000)] = 1.5
+    angle_deg: tuple[Finite, ...] = ()
+    value: tuple[Finite, ...] = ()
 
 
 class Scattering(Node):
@@ -102,7 +102,7 @@ class MediumModel(Node):
 
     index: Spectral | None = None
     sellmeier: Sellmeier | None = None
-    cauchy: tuple[float, ...] | None = None
+    cauchy: tuple[Finite, ...] | None = None
     glass: str | None = None
     crystal: dict[str, Any] | None = None
     absorption: Spectral | None = None
@@ -136,7 +136,7 @@ class CoatingLayer(Node):
 
     index: Spectral
     extinction: Spectral | None = None
-    thickness_nm: Annotated[float, Field(ge=0)]
+    thickness_nm: Annotated[Length, Field(ge=0)]
 
 
 class Coating(Node):
@@ -146,7 +146,7 @@ class Coating(Node):
     layers: tuple[CoatingLayer, ...] = ()
     between: tuple[str, str] | None = None
     wavelength_nm: tuple[Positive, ...] = ()
-    angle_deg: tuple[float, ...] = ()
+    angle_deg: tuple[Finite, ...] = ()
     reflectance: tuple[tuple[Share, ...], ...] = ()
     transmittance: tuple[tuple[Share, ...], ...] = ()
 
@@ -165,8 +165,8 @@ class Scatter(Node):
     With ``reference_nm`` the law is scaled from that wavelength to each channel's.
     """
 
-    abg: tuple[float, float, float] | None = None
-    harvey_shack: tuple[float, float, float] | None = None
+    abg: tuple[Finite, Finite, Finite] | None = None
+    harvey_shack: tuple[Finite, Finite, Finite] | None = None
     reference_nm: Positive | None = None
 
     def model_post_init(self, context: Any) -> None:
@@ -178,10 +178,10 @@ class MeasuredScatter(Node):
     """A measured isotropic BSDF [1/sr]: values per angle of incidence, angle of scattering, azimuth
     (0: the side of the specular ray)."""
 
-    theta_i_deg: tuple[float, ...]
-    theta_o_deg: tuple[float, ...]
-    phi_deg: tuple[float, ...]
-    values: tuple[tuple[tuple[float, ...], ...], ...]
+    theta_i_deg: tuple[Finite, ...]
+    theta_o_deg: tuple[Finite, ...]
+    phi_deg: tuple[Finite, ...]
+    values: tuple[tuple[tuple[Finite, ...], ...], ...]
 
 
 class SurfaceModel(Node):
@@ -213,7 +213,7 @@ class SurfaceModel(Node):
     reflectance: Spectral | None = None
     transmittance: Spectral | None = None
     metal: Metal | None = None
-    roughness: float | None = None
+    roughness: Finite | None = None
     coating: Coating | None = None
     scatter: Scatter | None = None
     index: Positive | None = None

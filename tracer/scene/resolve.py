@@ -13,6 +13,18 @@ from tracer.scene.model import Scene
 __all__ = ["resolve_bodies"]
 
 
+def _circle(name: str, lenses: dict[str, LensBody]) -> list[str]:
+    """Lenses that are cemented to one another and in the end to the first; empty if none are."""
+    chain = [name]
+    while (before := lenses[chain[-1]].front.cemented) in lenses:
+        if before == name:
+            return chain
+        if before in chain:
+            break
+        chain.append(before)
+    return []
+
+
 def resolve_bodies(scene: Scene) -> dict[str, Body]:
     """The bodies with cemented faces filled in, each checked on its own.
 
@@ -23,6 +35,7 @@ def resolve_bodies(scene: Scene) -> dict[str, Body]:
     """
     lenses = {n: b for n, b in scene.bodies.items() if isinstance(b, LensBody)}
     bodies: dict[str, Body] = {}
+    behind: dict[str, str] = {}
     for name, body in scene.bodies.items():
         place = f"{scene.origin}: bodies.{name}"
         if isinstance(body, LensBody) and body.front.cemented is not None:
@@ -31,6 +44,18 @@ def resolve_bodies(scene: Scene) -> dict[str, Body]:
                 raise SceneError(
                     f"{place}.front.cemented: there is no lens {body.front.cemented!r} before "
                     f"it{_nearest(body.front.cemented, lenses)}"
+                )
+            circle = _circle(name, lenses)
+            if circle:
+                raise SceneError(
+                    f"{place}.front.cemented: the lenses {' and '.join(map(repr, circle))} are "
+                    "cemented in a circle; one of them needs a front of its own"
+                )
+            other = behind.setdefault(body.front.cemented, name)
+            if other != name:
+                raise SceneError(
+                    f"{place}.front.cemented: the back of {body.front.cemented!r} is cemented to "
+                    f"{other!r} already; a face joins two lenses"
                 )
             origin, frame = partner.frame()
             vertex = origin + partner.thickness * frame[:, 2]

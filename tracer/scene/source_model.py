@@ -21,7 +21,7 @@ from pydantic import (
 
 from raymap.errors import SceneError
 from tracer.light import IntensityGrid, RayList
-from tracer.scene.fields import ByWavelength, Node, Placed, Positive, Vector
+from tracer.scene.fields import ByWavelength, Node, Placed, Positive, Vector, is_direction
 from tracer.scene.spectra import SpectrumModel
 
 __all__ = ["IntensityTable", "SourceModel", "cone_cosine"]
@@ -192,7 +192,7 @@ class SourceModel(Placed):
             raise ValueError("aim and distance go together")
         if self.aim is not None and "position" in self.model_fields_set:
             raise ValueError("give position, or aim and distance")
-        if self.direction is not None and not any(self.direction):
+        if self.direction is not None and not is_direction(self.direction):
             raise ValueError("direction must not be the zero vector")
         if self.direction is not None and (self.axis or self.rotation):
             raise ValueError("direction already turns the source; drop axis and rotation")

@@ -126,6 +126,26 @@ def test_bodies_stand_where_the_scene_puts_them() -> None:
         ("optic_axis", "optical_axis", "media.crystal.crystal.optical_axis"),
         ("[1.6584, 1.6584, 1.4864]", "[1.6584, 1.6584, -1]", "media|index"),
         ("blocking = true", "both_sides = true", "detectors.screen"),
+        (
+            'length_unit = "mm"',
+            'length_unit = "mm"\ncontacts = [["plate", "plate"]]',
+            "contact .*: a body has none with itself",
+        ),
+        (
+            'length_unit = "mm"',
+            'length_unit = "mm"\ncontacts = [["plate", "lens"]]',
+            "contact names 'lens', the bodies are plate",
+        ),
+        (
+            'length_unit = "mm"',
+            'length_unit = "mm"\nworld = { medium = "crystal" }',
+            "world.medium: 'crystal' is a crystal; light must come from an isotropic medium",
+        ),
+        (
+            "[1.6584, 1.6584, 1.4864]",
+            "[1.6584, 1.6584, 1.4864], absorption = [0.01, 0.01, 0.3]",
+            "media.crystal.crystal.absorption: kappa is 0.3 at 589.3 nm",
+        ),
     ],
 )
 def test_what_crystals_cannot_have_is_refused_by_name(change: str, to: str, named: str) -> None:
@@ -133,9 +153,35 @@ def test_what_crystals_cannot_have_is_refused_by_name(change: str, to: str, name
     if "lambertian" in to:
         text = text.replace("direction = [0, 0, 1]", "axis = [0, 0, 1]")
     with pytest.raises(SceneError, match=named):
-        compile_crystals(parse_scene(text))
+        compile_crystals(parse_scene(text)).wavefront(1)
 
 
 def test_other_tracers_refuse_crystals() -> None:
     with pytest.raises(SceneError, match="crystal"):
         compile_scene(parse_scene(plate()))
+
+
+def test_contacts_that_cannot_be_are_refused() -> None:
+    second = """
+[bodies.second]
+kind = "box"
+size = [20, 20, 5]
+position = [0, 0, {z}]
+medium = "glass"
+"""
+    head = 'contacts = [["plate", "second"]]\n'
+    compile_crystals(parse_scene(head + plate() + second.format(z=5))).wavefront(1)
+    with pytest.raises(SceneError, match="the bodies are 1 mm apart; move them together"):
+        compile_crystals(parse_scene(head + plate() + second.format(z=6))).wavefront(1)
+
+
+def test_dark_crystals_need_a_clear_isotropic_medium_outside() -> None:
+    from tracer.crystals.absorbing import absorbing_interface, absorbing_plate
+    from tracer.crystals.media import calcite, uniaxial
+
+    dark = uniaxial(1.6, 1.5, [0, 0, 1], kappa_o=0.4)
+    for outside in (calcite([0, 0, 1]), 1.5 + 0.2j, -1.0):
+        with pytest.raises(SceneError, match=r"n_before is .* a clear isotropic medium"):
+            absorbing_interface(dark, 0.0, 0.0, 550.0, n_before=outside)  # type: ignore[arg-type]
+    with pytest.raises(SceneError, match="n_after is crystal 'calcite'"):
+        absorbing_plate(dark, 0.0, 0.0, 0.1, 550.0, n_after=calcite([0, 0, 1]))  # type: ignore[arg-type]
