@@ -46,8 +46,9 @@ if TYPE_CHECKING:
     from query.grammar import parse
     from query.illumination import Illumination, illuminated
     from query.image_files import write_image
-    from query.images import DetectorImage, detector_image, detector_images
+    from query.images import detector_image, detector_images
     from query.json_form import from_json
+    from query.pictures import DetectorImage
     from query.ray_report import report
     from query.rays_at import rays_at, write_ray_file
     from query.scan import Progress
@@ -59,7 +60,7 @@ if TYPE_CHECKING:
 _LAZY = {
     "Audit": "query.energy",
     "Comparison": "query.comparison",
-    "DetectorImage": "query.images",
+    "DetectorImage": "query.pictures",
     "Explanation": "query.explanation",
     "GhostMatrix": "query.ghosts",
     "Illumination": "query.illumination",

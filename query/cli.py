@@ -199,6 +199,9 @@ def image(
     layer: Annotated[
         list[str] | None, typer.Option(help="NAME=CRITERION: one more picture, in the same pass.")
     ] = None,
+    bin: Annotated[
+        int, typer.Option("--bin", min=1, help="Join blocks of N x N cells, against speckle.")
+    ] = 1,
     filter_string: Filter = False,
     threads: Threads = None,
     json: Json = False,
@@ -225,7 +228,7 @@ def image(
             name, _, asked = text.partition("=")
             layers[name] = read_criterion(asked, ray_map, filter_string)
         pictures = detector_images(
-            ray_map, detector, layers, threads=threads, progress=progress_line(json)
+            ray_map, detector, layers, bin=bin, threads=threads, progress=progress_line(json)
         )
         written = [
             _written(write_image(picture, targets[name], kind), picture)
@@ -234,7 +237,7 @@ def image(
         if json:
             emit_json(written[0] | ({"layers": written[1:]} if written[1:] else {}))
             return
-        for item in written:
+        for item, picture in zip(written, pictures.values(), strict=True):
             peak = "" if item["peak"] is None else f", peak {item['peak']:.4g} {item['peak_unit']}"
             counted = f"from {item['registrations']:,} registrations"
             if item["summed_while_tracing"]:
@@ -242,6 +245,19 @@ def image(
             typer.echo(
                 f"wrote {item['output']}: {item['flux']:.6g} {item['flux_unit']} {counted}{peak}"
             )
+            if speckle := _speckle(picture, bin):
+                typer.echo(speckle)
+
+
+def _speckle(picture: Any, bin: int) -> str:
+    """How coarse the picture's grain is, and what helps; empty where it is fine."""
+    side = picture.calmer()
+    if side is None:
+        return ""
+    return (
+        f"speckle: a lit cell is known to ± {picture.grain:.0%}; --bin {side * bin} brings that to "
+        f"about ± {picture.grain / side:.0%}, or record more rays"
+    )
 
 
 def _written(path: Path, picture: Any) -> dict[str, Any]:
@@ -256,6 +272,7 @@ def _written(path: Path, picture: Any) -> dict[str, Any]:
         "flux": picture.total,
         "flux_unit": picture.flux_unit,
         "registrations": int(picture.rays.sum()),
+        "grain": picture.grain,
         "summed_while_tracing": is_pinhole(picture.detector),
         "quantity": picture.density_name,
         "peak": float(picture.density().max()) if known else None,

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from query.images import DetectorImage
+from query.pictures import DetectorImage
 from raymap.errors import MissingExtra, RayMapError
 
 __all__ = ["KINDS", "png_bytes", "png_html", "write_image"]

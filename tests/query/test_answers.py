@@ -318,6 +318,33 @@ def test_pictures_are_sums_over_registrations(map: Any) -> None:
         np.testing.assert_allclose(picture.illuminance, picture.channels @ efficacy / 4e-6)
 
 
+def test_blocks_of_cells_are_sums(map: Any) -> None:
+    fine = query.detector_image(map, "screen")
+    coarse = query.detector_image(map, "screen", bin=2)
+    assert coarse.detector.cells == (4, 3)
+    for name in ("channels", "rays"):
+        values = getattr(fine, name)
+        blocks = values.reshape(3, 2, 4, 2, *values.shape[2:]).sum(axis=(1, 3))
+        np.testing.assert_allclose(getattr(coarse, name), blocks, rtol=1e-6)
+    np.testing.assert_allclose(coarse.irradiance.mean(), fine.irradiance.mean(), rtol=1e-6)
+    # What one emission brings to several cells of a block goes together
+    blocks = fine.variance.reshape(3, 2, 4, 2).sum(axis=(1, 3))
+    assert (coarse.variance >= blocks * (1 - 1e-12)).all()
+    with pytest.raises(RayMapError, match="sides that fit: 2"):
+        query.detector_image(map, "screen", bin=3)
+
+
+def test_the_grain_of_a_picture(maps: dict[str, Any]) -> None:
+    picture = query.detector_image(maps["merged"], "screen")
+    assert picture.grain == pytest.approx(
+        1 / np.sqrt(np.median(picture.rays[picture.rays > 0])), rel=0.5
+    )
+    assert picture.calmer() == 2
+    assert picture.calmer(grain=1.0) is None
+    eye = query.detector_image(maps["merged"], "eye", 'source("*") & !source("*")')
+    assert (eye.grain, eye.calmer()) == (None, None)
+
+
 def test_picture_files(maps: dict[str, Any], tmp_path: Path) -> None:
     picture = query.detector_image(maps["merged"], "screen")
     query.write_image(picture, tmp_path / "a.npy", "flux")
