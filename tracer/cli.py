@@ -160,6 +160,9 @@ def _print_result(result: RecordResult, output: Path | None) -> None:
     table = Table("source", *columns)
     for name, row in result.audit.items():
         table.add_row(name, *(_count(row[column]) for column in columns))
+    seen = any(row["flux"] > 0.0 for row in result.fluxes["detectors"].values())
+    if seen and not any(row["detected"] for row in result.audit.values()):
+        table.caption = "detected: ended on a blocking detector; the others let light go on"
     console.print(table)
     if result.fluxes["detectors"]:
         table = Table("detector", f"flux [{result.fluxes['unit']}]", "standard error")
@@ -246,26 +249,7 @@ def check(
     if json:
         emit_json(report)
         return
-    for key, value in report.items():
-        if key == "bodies":
-            for name, text in value.items():
-                typer.echo(f"  {name}: {text}")
-        elif key == "design":
-            _print_design(value)
-        elif isinstance(value, float):
-            typer.echo(f"{key}: {value:.6g}")
-        elif isinstance(value, list):
-            for text in value:
-                typer.echo(f"{key}: {text}")
-        else:
-            typer.echo(f"{key}: {value}")
+    from tracer.studies.check_text import check_lines
 
-
-def _print_design(design: dict[str, Any]) -> None:
-    """The numbers of a lens file, and what its surfaces became."""
-    typer.echo("design, in the order of its surfaces:")
-    for key, value in design.items():
-        if isinstance(value, float):
-            typer.echo(f"  {key}: {value:.6g}")
-    for number, face in design["faces"].items():
-        typer.echo(f"  surface {number}: {face}")
+    for line in check_lines(report):
+        typer.echo(line)
