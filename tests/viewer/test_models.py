@@ -218,6 +218,13 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> 
 def test_the_command(map_path: Path, tmp_path: Path, run: Any) -> None:
     code, text, error = run("export-3d", map_path, "-o", tmp_path / "a.glb", "--rays", 7, "--json")
     assert code == 0, error
-    assert json.loads(text)["rays"] == 7
+    written = json.loads(text)
+    assert written["rays"] == 7
+    with raymap.open(map_path) as whole:
+        assert written["selected"] == whole.rays
+    _, text, _ = run("export-3d", map_path, "-o", tmp_path / "b.glb", "--rays", 7)
+    assert f"{written['selected'] - 7:,} rays are left out" in text
+    _, text, _ = run("export-3d", map_path, "-o", tmp_path / "c.glb", "--rays", 1_000_000)
+    assert "left out" not in text
     code, _, error = run("export-3d", map_path, "-o", tmp_path / "a.glb")
     assert (code, error.count("\n")) == (1, 1)

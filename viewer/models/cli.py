@@ -57,8 +57,12 @@ def export_3d(
     if json:
         emit_json({"output": str(output)} | written)
         return
+    left_out = written["selected"] - written["rays"]
+    many = f"{written['rays']:,} of {written['selected']:,}" if left_out else f"{written['rays']:,}"
     typer.echo(
-        f"wrote {output}: {written['rays']:,} rays ({written['segments']:,} segments) in "
+        f"wrote {output}: {many} rays ({written['segments']:,} segments) in "
         f"{len(written['groups'])} group{'s' * (len(written['groups']) != 1)}, "
         f"{len(written['objects'])} bodies"
     )
+    if left_out:
+        typer.echo(f"{left_out:,} rays are left out; --rays N writes more")

@@ -50,7 +50,7 @@ def export_3d(
 
     Returns
     -------
-    ``rays`` written, ``segments``, ``objects``, ``groups``
+    ``rays`` written of those ``selected``, ``segments``, ``objects``, ``groups``
 
     Raises
     ------
@@ -78,12 +78,22 @@ def export_3d(
         scene=scene,
     )
     _write(content, target, suffix)
+    written = content.rays.n_rays
     return {
-        "rays": content.rays.n_rays,
+        "rays": written,
+        "selected": written if written < rays else _selected(map, criterion),
         "segments": len(content.lines),
         "objects": [body.name for body in content.bodies],
         "groups": content.groups if content.rays.n_rays else [],
     }
+
+
+def _selected(map: RayMap, criterion: Any) -> int:
+    """How many rays satisfy the criterion."""
+    from query import select
+
+    given = None if isinstance(criterion, str) and not criterion.strip() else criterion
+    return int(select(map, given, rays=False).matched)
 
 
 def _write(content: Content, target: Path, suffix: str) -> None:
