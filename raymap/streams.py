@@ -163,7 +163,8 @@ class StreamSet:
             column[places] = values
             self.add(name, column, scope)
             return
-        for plane, content in enumerate(values.view(np.uint8).reshape(len(values), -1).T):
+        planes = values.view(np.uint8).reshape(len(values), values.itemsize).T
+        for plane, content in enumerate(planes):
             there = np.flatnonzero(content)
             if len(there):
                 codec, stored = ZSTD, frame_of_zeros(rows, places[there], content[there])
