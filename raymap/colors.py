@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.kernels import kernel
+from raymap.kernels import lean_kernel
 from raymap.schema import COLOR_SCALE
 
 __all__ = ["color_runs", "colors_of_codes", "rebuild_codes", "runs_of_codes"]
 
 
-@kernel
+@lean_kernel
 def color_runs(
     offsets: NDArray[np.int64],
     codes: NDArray[np.int32],
@@ -48,7 +48,7 @@ def color_runs(
     return n
 
 
-@kernel
+@lean_kernel
 def rebuild_codes(
     offsets: NDArray[np.int64],
     first: NDArray[np.int32],
@@ -79,7 +79,7 @@ def rebuild_codes(
     return n == later.size
 
 
-@kernel
+@lean_kernel
 def colors_of_codes(
     codes: NDArray[np.int32], table: NDArray[np.uint16], out: NDArray[np.uint16]
 ) -> None:

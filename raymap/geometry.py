@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.kernels import kernel
+from raymap.kernels import inner_kernel, kernel, lean_kernel
 from raymap.schema import NORMAL_SCALE
 from raymap.shapes import EMISSION, LEFT, LEFT_SCENE, MANY, RayShapes, ShapeTable
 
@@ -34,13 +34,13 @@ _LARGEST = 3.4e38
 _NEAR = 256
 
 
-@kernel
+@inner_kernel
 def _ordered(bits: np.int32) -> np.int32:
     """Order-preserving integer of a float32's bits (its own inverse)."""
     return np.int32(bits ^ ((bits >> 31) & 0x7FFFFFFF))
 
 
-@kernel
+@inner_kernel
 def _scaled(x: float, y: float, z: float) -> tuple[int, int, int]:
     """Direction x 32767, rounded half up; zero where there is none."""
     square = (x * x + y * y) + z * z
@@ -54,7 +54,7 @@ def _scaled(x: float, y: float, z: float) -> tuple[int, int, int]:
     )
 
 
-@kernel
+@inner_kernel
 def _root(solve: NDArray[np.float64], q: int, u: float, v: float, second: int) -> np.float32:
     """One of the places where quadric q has the other two coordinates u and v."""
     # Compute the coefficients of the quadratic equation
@@ -77,7 +77,7 @@ def _root(solve: NDArray[np.float64], q: int, u: float, v: float, second: int) -
     return np.float32(t if -_LARGEST <= t <= _LARGEST else 0.0)
 
 
-@kernel
+@lean_kernel
 def resolve_codes(rays: RayShapes, shapes: ShapeTable, codes: NDArray[np.int32]) -> None:
     """Shape code of each record; where its primitive has a quadric of its own, that one's row.
 
@@ -99,7 +99,7 @@ def resolve_codes(rays: RayShapes, shapes: ShapeTable, codes: NDArray[np.int32])
             codes[i] = code
 
 
-@kernel
+@inner_kernel
 def _solved_axis(code: int, axis: NDArray[np.int8], solve_faces: bool, solve_sphere: bool) -> int:
     """Coordinate that is not stored for a record of this code, -1 none."""
     if code >= 0:
@@ -109,7 +109,7 @@ def _solved_axis(code: int, axis: NDArray[np.int8], solve_faces: bool, solve_sph
     return -1
 
 
-@kernel
+@lean_kernel
 def gather_coordinates(
     codes: NDArray[np.int32],
     axis: NDArray[np.int8],
@@ -184,7 +184,7 @@ def position_residuals(
         residual[k] = code
 
 
-@kernel
+@lean_kernel
 def join_coordinates(
     codes: NDArray[np.int32],
     axis: NDArray[np.int8],
@@ -247,7 +247,7 @@ def solve_positions(
         bits[i, a] = _ordered(np.int32(_ordered(t.view(np.int32)) + r))
 
 
-@kernel
+@inner_kernel
 def _gradient(
     g: NDArray[np.float64], q: int, position: NDArray[np.float32], i: Integer
 ) -> tuple[int, int, int]:
@@ -262,7 +262,7 @@ def _gradient(
     )
 
 
-@kernel
+@inner_kernel
 def _from_before(
     i: Integer,
     code: int,
@@ -291,7 +291,7 @@ def _from_before(
     return 0, 0, 0
 
 
-@kernel
+@inner_kernel
 def _primitive_of(
     code: int,
     triangles: NDArray[np.int32],
@@ -307,7 +307,7 @@ def _primitive_of(
     return int(face_start[face] + triangles[i] - first_primitive[face])
 
 
-@kernel
+@inner_kernel
 def _remember(
     i: int,
     code: int,
@@ -324,21 +324,21 @@ def _remember(
             remembered[primitive, k] = normal[i, k]
 
 
-@kernel
+@inner_kernel
 def _fold(value: np.int16, predicted: int) -> np.uint16:
     """Zigzag of the difference modulo 2^16."""
     r = np.int16(value - predicted)
     return np.uint16((r << 1) ^ (r >> 15))
 
 
-@kernel
+@inner_kernel
 def _unfold(folded: np.uint16, predicted: int) -> np.int16:
     """The inverse of `_fold`."""
     r = np.int64(folded)
     return np.int16(predicted + ((r >> 1) ^ -(r & 1)))
 
 
-@kernel
+@lean_kernel
 def normal_residuals(
     record_offsets: NDArray[np.int64],
     codes: NDArray[np.int32],
@@ -391,7 +391,7 @@ def normal_residuals(
     return missed, plain
 
 
-@kernel
+@lean_kernel
 def imply_normals(
     codes: NDArray[np.int32],
     gradient: NDArray[np.float64],
@@ -407,7 +407,7 @@ def imply_normals(
             normal[i, 2] = z
 
 
-@kernel
+@lean_kernel
 def end_residuals(
     record_offsets: NDArray[np.int64],
     first_face: NDArray[np.int32],
@@ -469,7 +469,7 @@ def end_residuals(
     return np.int64(n)  # type: ignore[return-value]
 
 
-@kernel
+@lean_kernel
 def decode_normals(
     record_offsets: NDArray[np.int64],
     codes: NDArray[np.int32],
@@ -507,7 +507,7 @@ def decode_normals(
                 _remember(i, code, primitive, sources[ray], normal, emission, remembered)
 
 
-@kernel
+@lean_kernel
 def normals_of_records(
     records: NDArray[np.int64],
     codes: NDArray[np.int32],

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.kernels import kernel
+from raymap.kernels import lean_kernel
 
 __all__ = [
     "assign_faces",
@@ -19,7 +19,7 @@ __all__ = [
 ]
 
 
-@kernel
+@lean_kernel
 def assign_faces(
     objects: NDArray[np.int16],
     triangles: NDArray[np.int32],
@@ -58,7 +58,7 @@ def assign_faces(
     return -1
 
 
-@kernel
+@lean_kernel
 def expand_points(
     path_numbers: NDArray[np.uint32],
     path_offsets: NDArray[np.int64],
@@ -75,7 +75,7 @@ def expand_points(
             out[target + i] = column[start + i]
 
 
-@kernel
+@lean_kernel
 def face_triangles(
     faces: NDArray[np.int32],
     first_primitive: NDArray[np.int32],
@@ -108,7 +108,7 @@ def face_triangles(
     return used == explicit.size
 
 
-@kernel
+@lean_kernel
 def sum_colors(
     codes: NDArray[np.int32],
     color_table: NDArray[np.uint16],
@@ -127,7 +127,7 @@ def sum_colors(
                 sums[path, channel] += np.uint64(color_table[code - n_channels, channel])
 
 
-@kernel
+@lean_kernel
 def sum_weighted_colors(
     codes: NDArray[np.int32],
     color_table: NDArray[np.uint16],
@@ -149,7 +149,7 @@ def sum_weighted_colors(
                 sums[path, channel] += w * (scale * color_table[code - n_channels, channel])
 
 
-@kernel
+@lean_kernel
 def explicit_triangles(
     faces: NDArray[np.int32],
     first_primitive: NDArray[np.int32],

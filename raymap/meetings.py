@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.directory import Directory
-from raymap.kernels import kernel
+from raymap.kernels import inner_kernel, lean_kernel
 from raymap.schema import NORMAL_SCALE, UV_SCALE
 
 __all__ = ["DetectorTable", "compile_detectors", "decode_meetings", "encode_meetings"]
@@ -45,7 +45,7 @@ def compile_detectors(directory: Directory) -> DetectorTable:
     )
 
 
-@kernel
+@inner_kernel
 def _crossing(
     f: NDArray[np.float64], i: int, position: NDArray[np.float32]
 ) -> tuple[int, int, int]:
@@ -76,7 +76,7 @@ def _crossing(
     )
 
 
-@kernel
+@inner_kernel
 def _rounded(value: float, low: float, high: float) -> int:
     """Round half up into the range; 0 for what is no number."""
     if not (value >= low):
@@ -86,13 +86,13 @@ def _rounded(value: float, low: float, high: float) -> int:
     return math.floor(value + 0.5)
 
 
-@kernel
+@inner_kernel
 def _cell_of(place: int, cells: int) -> int:
     cell = (place * cells) // UV_SCALE
     return cell if cell < cells else cells - 1
 
 
-@kernel
+@inner_kernel
 def _fold(value: int, predicted: int) -> np.uint16:
     """Zigzag of the difference modulo 2^16."""
     r = np.uint16(value - predicted)
@@ -100,7 +100,7 @@ def _fold(value: int, predicted: int) -> np.uint16:
     return np.uint16(np.uint16(r << np.uint16(1)) ^ sign)
 
 
-@kernel
+@inner_kernel
 def _unfold(code: np.uint16, predicted: int) -> int:
     """The inverse of `_fold`, as an unsigned 16-bit number."""
     sign = np.uint16(np.uint16(0) - np.uint16(code & np.uint16(1)))
@@ -108,7 +108,7 @@ def _unfold(code: np.uint16, predicted: int) -> int:
     return (int(r) + predicted) & 0xFFFF
 
 
-@kernel
+@lean_kernel
 def encode_meetings(
     counts: NDArray[np.uint16],
     detector: NDArray[np.int16],
@@ -146,7 +146,7 @@ def encode_meetings(
     return missed
 
 
-@kernel
+@lean_kernel
 def decode_meetings(
     counts: NDArray[np.uint16],
     detector: NDArray[np.int16],

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.kernels import kernel
+from raymap.kernels import lean_kernel
 
 __all__ = ["join_coordinate", "join_planes", "split_planes", "split_positions"]
 
 
-@kernel
+@lean_kernel
 def _split2(values: NDArray[np.uint16], planes: NDArray[np.uint8]) -> None:
     low, high = planes[0], planes[1]
     for i in range(values.size):
@@ -22,7 +22,7 @@ def _split2(values: NDArray[np.uint16], planes: NDArray[np.uint8]) -> None:
         high[i] = np.uint8(value >> 8)
 
 
-@kernel
+@lean_kernel
 def _split4(values: NDArray[np.uint32], planes: NDArray[np.uint8]) -> None:
     p0, p1, p2, p3 = planes[0], planes[1], planes[2], planes[3]
     for i in range(values.size):
@@ -33,13 +33,13 @@ def _split4(values: NDArray[np.uint32], planes: NDArray[np.uint8]) -> None:
         p3[i] = np.uint8(value >> 24)
 
 
-@kernel
+@lean_kernel
 def _join2(low: NDArray[np.uint8], high: NDArray[np.uint8], values: NDArray[np.uint16]) -> None:
     for i in range(values.size):
         values[i] = np.uint16(low[i]) | np.uint16(np.uint16(high[i]) << np.uint16(8))
 
 
-@kernel
+@lean_kernel
 def _join4(
     p0: NDArray[np.uint8],
     p1: NDArray[np.uint8],
@@ -56,7 +56,7 @@ def _join4(
         )
 
 
-@kernel
+@lean_kernel
 def _split_points(bits: NDArray[np.uint32], planes: NDArray[np.uint8]) -> None:
     n = planes.shape[1]
     for axis in range(3):
@@ -115,7 +115,7 @@ def join_planes(planes: Sequence[NDArray[np.uint8]], dtype: np.dtype[Any]) -> ND
     return values
 
 
-@kernel
+@lean_kernel
 def join_coordinate(
     p0: NDArray[np.uint8],
     p1: NDArray[np.uint8],

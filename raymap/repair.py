@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from raymap.cells import is_pinhole
 from raymap.encoder import EncodedPortion
 from raymap.errors import FormatError, MapExists
-from raymap.kernels import kernel
+from raymap.kernels import lean_kernel
 from raymap.layout import KNOWN_TAGS
 from raymap.reader import RayMap
 from raymap.schema import COLOR_SCALE
@@ -137,7 +137,7 @@ def add_meetings(portion: StoredPortion, detector: int, sums: Sums, sums2: Sums)
     _count(cell, weight, emission, colors, sums, sums2, last, np.zeros(sums.shape))
 
 
-@kernel
+@lean_kernel
 def _count(
     cell: NDArray[np.uint16],
     weight: NDArray[np.float32],

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from raymap.directory import Directory, Quadric
 from raymap.events import Event
-from raymap.kernels import kernel
+from raymap.kernels import lean_kernel
 
 __all__ = [
     "EMISSION",
@@ -159,7 +159,7 @@ def _in_order(c: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
     )
 
 
-@kernel
+@lean_kernel
 def shape_codes(
     offsets: NDArray[np.int64],
     objects: NDArray[np.int16],
