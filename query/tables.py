@@ -29,6 +29,7 @@ Floats = NDArray[np.float64]
 
 SORTS = ("flux", "rays", "peak")
 _COMPACT_ROWS = 2_000_000
+_SHOWN = 20
 
 
 @dataclass(frozen=True)
@@ -248,12 +249,23 @@ class PathTable:
         unit = self.map.directory.flux_unit
         return f"<PathTable {self.n_paths} paths by {self.by}, {self.total:.6g} {unit}>"
 
+    def __str__(self) -> str:
+        """The strongest paths as a table of plain text."""
+        unit = self.map.directory.flux_unit
+        lines = [f"{'rays':>12} {f'flux [{unit}]':>12} {'±':>9} {'share':>9}  path by {self.by}"]
+        for row in self.rows(_SHOWN):
+            lines.append(
+                f"{row.rays:>12,} {row.flux:>12.4g} {row.flux_se:>9.2g} {row.share:>9.3%}  "
+                f"{row.path}"
+            )
+        return "\n".join(lines)
+
     def _repr_html_(self) -> str:
         head = "".join(f"<th>{name}</th>" for name in ("path", "rays", "flux", "±", "share"))
         body = "".join(
             f"<tr><td>{escape(row.path)}</td><td>{row.rays:,}</td><td>{row.flux:.4g}</td>"
             f"<td>{row.flux_se:.2g}</td><td>{row.share:.3%}</td></tr>"
-            for row in self.rows(20)
+            for row in self.rows(_SHOWN)
         )
         return f"<table><tr>{head}</tr>{body}</table>"
 

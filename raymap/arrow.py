@@ -22,8 +22,9 @@ from raymap.selection import places_in, replacing
 __all__ = ["batches", "export", "schema_of"]
 
 Rows = Literal["rays", "segments"]
+Form = Literal["parquet", "arrow", "csv", "folder"]
 _BATCH = 2**16
-_KINDS = (".parquet", ".arrow", ".csv")
+FORMS: tuple[Form, ...] = ("parquet", "arrow", "csv", "folder")
 
 
 def export(
@@ -33,31 +34,55 @@ def export(
     rows: Rows = "segments",
     ray_ids: NDArray[np.int64] | None = None,
     force: bool = False,
+    form: Form | None = None,
 ) -> int:
     """Write rays as a table; memory does not grow with the map.
 
     Parameters
     ----------
-    path : ``*.parquet``, ``*.arrow`` (Arrow IPC file), ``*.csv``, or a folder, which gets one
-        Parquet file per portion
+    path : ``*.parquet``, ``*.arrow`` (Arrow IPC file), ``*.csv``, or a folder that exists or whose
+        name ends with a slash, which gets Parquet files
     rows : "segments": one row per segment record; "rays": one row per ray, its records nested
     ray_ids : only these rays, increasing; None: all
     force : replace an existing file
+    form : "parquet", "arrow", "csv" or "folder", whatever the name of ``path``
 
     Returns
     -------
     n : rows written
+
+    Raises
+    ------
+    RayMapError
+        The name does not say in which form.
+    MapExists
+        There is such a file, or files in the folder.
     """
     target = Path(path)
     if target.exists() and not force and not (target.is_dir() and not any(target.iterdir())):
         raise MapExists(f"{target} exists: choose another name, or replace it with --force")
+    chosen = form or _form_of(os.fspath(path))
     schema = schema_of(ray_map, rows)
-    if target.suffix not in _KINDS:
+    if chosen == "folder":
         return _export_folder(ray_map, target, schema, rows, ray_ids)
     writer: Callable[[Path, pa.Schema, Iterator[pa.RecordBatch]], int]
-    writer = {".parquet": _parquet, ".arrow": _ipc, ".csv": _csv}[target.suffix]
+    writer = {"parquet": _parquet, "arrow": _ipc, "csv": _csv}[chosen]
     with replacing(target) as temporary:
         return writer(temporary, schema, batches(ray_map, rows, ray_ids, schema))
+
+
+def _form_of(path: str) -> Form:
+    """The form that a name says."""
+    ending = Path(path).suffix.lower()[1:]
+    for form in FORMS[:3]:
+        if form == ending:
+            return form
+    if os.path.isdir(path) or path.endswith(("/", os.sep)):
+        return "folder"
+    raise RayMapError(
+        f"{path!r} ends with none of .parquet, .arrow, .csv: choose one of them, name a folder as "
+        f"'{path}/' for Parquet files in it, or say --format (in Python: form=)"
+    )
 
 
 def schema_of(ray_map: RayMap, rows: Rows) -> pa.Schema:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import json
+import os
 import re
 import sys
 from importlib.metadata import entry_points
@@ -127,9 +130,13 @@ def repair(
 def export(
     map: Annotated[Path, typer.Argument(help="A ray map, or a folder of them.")],
     output: Annotated[
-        Path, typer.Option("--output", "-o", help="*.parquet, *.arrow, *.csv, or a folder.")
+        str, typer.Option("--output", "-o", help="*.parquet, *.arrow, *.csv, or a folder, as DIR/.")
     ],
     rows: Annotated[str, typer.Option(help="segments (one row per record) or rays.")] = "segments",
+    form: Annotated[
+        str | None,
+        typer.Option("--format", help="parquet, arrow, csv or folder, whatever the file's name."),
+    ] = None,
     force: Annotated[bool, typer.Option(help="Replace an existing file.")] = False,
     strict: Strict = False,
 ) -> None:
@@ -138,12 +145,18 @@ def export(
 
     if rows not in ("rays", "segments"):
         raise typer.BadParameter(f"{rows!r} is neither rays nor segments", param_hint="--rows")
-    from raymap.arrow import Rows
+    if form not in (None, "parquet", "arrow", "csv", "folder"):
+        raise typer.BadParameter(
+            f"{form!r} is none of parquet, arrow, csv, folder", param_hint="--format"
+        )
+    from raymap.arrow import Form, Rows
     from raymap.arrow import export as write
 
     with open_map(map, strict) as ray_map:
         known = len(ray_map.damage)
-        n = write(ray_map, output, rows=cast(Rows, rows), force=force)
+        n = write(
+            ray_map, output, rows=cast(Rows, rows), force=force, form=cast("Form | None", form)
+        )
         warn_of_damage(ray_map, known)
     typer.echo(f"{output}: {n} rows written")
 
@@ -273,7 +286,7 @@ def _told(error: RayMapError) -> str:
 def main() -> None:
     """Run the command line: 0 good, 1 a refused request, 2 usage, 130 after Ctrl-C."""
     try:
-        application()()
+        _run(application())
     except RayMapError as error:
         typer.echo(_told(error), err=True)
         raise SystemExit(1) from None
@@ -281,10 +294,30 @@ def main() -> None:
         raise SystemExit(130) from None
     except BrokenPipeError:
         # The reader of our output went away (head, less): nothing is wrong
-        sys.stderr.close()
-        raise SystemExit(0) from None
+        raise SystemExit(_quiet_end()) from None
     except OSError as error:
         # A full disk, a missing folder, no permission: the file's name and the system's reason
         place = f"{error.filename}: " if error.filename else ""
         typer.echo(f"error: {place}{error.strerror or error}", err=True)
         raise SystemExit(1) from None
+
+
+def _run(app: typer.Typer) -> None:
+    """Run a command; what it has printed is on its way when this ends."""
+    try:
+        app()
+    except SystemExit as end:
+        # Click says 1 for a broken pipe
+        if isinstance(end.__context__, OSError) and end.__context__.errno == errno.EPIPE:
+            raise BrokenPipeError from None
+        sys.stdout.flush()
+        raise
+
+
+def _quiet_end() -> int:
+    """Let nothing more be written on the way out; returns the exit status."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError):
+            os.dup2(nowhere, stream.fileno())
+    return 0

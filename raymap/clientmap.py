@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 __all__ = ["RemoteImage", "RemoteMap", "RemotePaths", "RemoteSelection", "RemoteView"]
 
+_SHOWN = 20
+
 
 class RemoteMap:
     """A map of the served folder.
@@ -259,6 +261,19 @@ class RemotePaths:
                 row["peak"] = None if u is None else [u, v]
             rows.append(row)
         return rows
+
+    def __str__(self) -> str:
+        """The strongest paths as a table of plain text."""
+        flux = f"flux [{self.flux_unit}]"
+        lines = [f"{'rays':>12} {flux:>12} {'±':>9} {'share':>9}  path by {self.by}"]
+        for row in self.to_json()[:_SHOWN]:
+            lines.append(
+                f"{row['rays']:>12,} {row['flux']:>12.4g} {row['flux_se']:>9.2g} "
+                f"{row['share']:>9.3%}  {row['path']}"
+            )
+        if self.table.num_rows > _SHOWN:
+            lines.append(f"… {self.table.num_rows - _SHOWN} more rows")
+        return "\n".join(lines)
 
     def __repr__(self) -> str:
         return f"<RemotePaths {self.n_paths} paths by {self.by}, {self.total:.6g} {self.flux_unit}>"

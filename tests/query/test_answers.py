@@ -147,6 +147,17 @@ def test_the_remainder_makes_it_whole(map: Any) -> None:
     assert sum(row.share for row in few.rows()) == pytest.approx(1)
 
 
+def test_a_table_prints_as_a_table(map: Any) -> None:
+    table = query.path_table(map, 'hit("*")')
+    head, *lines = str(table).splitlines()
+    rows = table.rows(20)
+    assert head.split()[0] == "rays"
+    assert len(lines) == len(rows)
+    for row, line in zip(rows, lines, strict=True):
+        assert line.split()[0] == f"{row.rays:,}"
+        assert line.endswith(row.path)
+
+
 def test_rows_know_their_reflections_and_ends(map: Any) -> None:
     names = [item.name for item in map.directory.objects]
     rays = {ray.id: ray for ray in rays_of(map)}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import time
@@ -105,9 +106,13 @@ def test_repair(damaged, tmp_path):
 
 
 def test_export(path, tmp_path):
-    for name in ("a.parquet", "a.arrow", "a.csv", "folder"):
-        assert _run("export", path, "-o", tmp_path / name).exit_code == 0
+    for name in ("a.parquet", "a.arrow", "a.csv", "folder/"):
+        assert _run("export", path, "-o", f"{tmp_path}/{name}").exit_code == 0
         assert (tmp_path / name).exists()
+    assert (tmp_path / "folder").is_dir()
+    assert _run("export", path, "-o", tmp_path / "table", "--format", "csv").exit_code == 0
+    assert (tmp_path / "table").is_file()
+    assert _run("export", path, "-o", tmp_path / "c.csv", "--format", "xls").exit_code == 2
     assert _run("export", path, "-o", tmp_path / "b.parquet", "--rows", "cells").exit_code == 2
 
 
@@ -121,6 +126,8 @@ def test_refusals_are_one_clear_line(path, damaged, tmp_path):
         (("info", tmp_path / "none"), "does not exist"),
         (("info", __file__), "not a ray map"),
         (("export", path, "-o", path), "exists"),
+        (("export", path, "-o", tmp_path / "x.foo"), ".parquet, .arrow, .csv"),
+        (("export", path, "-o", tmp_path / "x"), ".parquet, .arrow, .csv"),
     ):
         done = _program(*arguments)
         assert done.returncode == 1
@@ -133,6 +140,20 @@ def test_refusals_are_one_clear_line(path, damaged, tmp_path):
     done = _program("export", damaged, "-o", tmp_path / "y.csv")
     assert done.returncode == 0
     assert "portion 1" in done.stderr
+
+
+@pytest.mark.parametrize("arguments", [("info",), ("info", "--json"), ("verify",)])
+def test_a_reader_of_the_output_that_goes_away_is_no_failure(path, arguments):
+    command = [sys.executable, "-c", "from raymap.cli import main; main()", *arguments, str(path)]
+    reading, writing = os.pipe()
+    os.close(reading)
+    try:
+        done = subprocess.run(
+            command, stdout=writing, stderr=subprocess.PIPE, text=True, cwd=_ROOT, check=False
+        )
+    finally:
+        os.close(writing)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_help_is_quick_and_loads_no_compiler():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from itertools import pairwise
+from pathlib import Path
 
 import duckdb
 import numpy as np
@@ -129,9 +130,33 @@ def test_csv_is_flat_and_rays_are_refused(ray_map, tmp_path):
 
 def test_a_folder_gets_parquet_files_and_chosen_rays_only(ray_map, tmp_path):
     wanted = np.array([3, 105, 139, 320])
-    assert raymap.export(ray_map, tmp_path / "folder", rows="rays", ray_ids=wanted) == 4
+    folder = tmp_path / "folder"
+    assert raymap.export(ray_map, folder, rows="rays", ray_ids=wanted, form="folder") == 4
     table = polars.read_parquet(tmp_path / "folder" / "*.parquet")
     assert table["ray_id"].to_list() == wanted.tolist()
+
+
+@pytest.mark.parametrize("name", ["a", "a.foo", "a.parquet.gz"])
+def test_a_name_that_says_no_form_is_refused(ray_map, tmp_path, name):
+    target = tmp_path / name
+    with pytest.raises(raymap.RayMapError, match=r"\.parquet, \.arrow, \.csv.*--format"):
+        raymap.export(ray_map, target)
+    assert not list(tmp_path.iterdir())
+    assert raymap.export(ray_map, target, form="csv") == ray_map.records
+    assert polars.read_csv(target, infer_schema_length=None).height == ray_map.records
+
+
+def test_folders_are_known_by_a_slash_or_by_being_there(ray_map, tmp_path):
+    (tmp_path / "there").mkdir()
+    for path in (f"{tmp_path}/slash/", tmp_path / "there"):
+        assert raymap.export(ray_map, path) == ray_map.records
+        assert polars.read_parquet(f"{Path(path)}/*.parquet").height == ray_map.records
+
+
+def test_endings_may_be_capitals(ray_map, tmp_path):
+    path = tmp_path / "A.CSV"
+    assert raymap.export(ray_map, path) == ray_map.records
+    assert path.read_bytes().startswith(b'"ray_id"')
 
 
 def test_existing_files_are_not_written_over(ray_map, tmp_path):
