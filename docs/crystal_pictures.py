@@ -42,7 +42,7 @@ def main() -> None:
     """Write all pictures."""
     section()
     with tempfile.TemporaryDirectory() as folder:
-        for check in verify_crystals(numeric=False, pictures=Path(folder), width=240):
+        for check in verify_crystals(numeric=False, pictures=Path(folder), width=480):
             print("pass" if check.passed else "FAIL", check.name)
         for name, target in PICTURES.items():
             shutil.copy(Path(folder) / name, IMAGES / target)
