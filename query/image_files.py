@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import os
 import struct
 import zlib
 from pathlib import Path
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from query.pictures import DetectorImage
 from raymap.errors import MissingExtra, RayMapError
+from raymap.replacing import replacing
 
 __all__ = ["KINDS", "png_bytes", "png_html", "write_image"]
 
@@ -118,8 +118,7 @@ def write_image(image: DetectorImage, path: str | Path, kind: str = "rgb") -> Pa
         raise RayMapError(f"pictures end in {', '.join(_SUFFIXES)}, not {target.name!r}")
     if not target.parent.is_dir():
         raise RayMapError(f"there is no folder {target.parent} to write {target.name} into")
-    beside = target.with_name(f".{target.name}.{os.getpid()}")
-    try:
+    with replacing(target) as beside:
         if suffix == ".png":
             beside.write_bytes(png_bytes(_upright(_pixels(image, kind))))
         elif suffix == ".npy":
@@ -131,9 +130,6 @@ def write_image(image: DetectorImage, path: str | Path, kind: str = "rgb") -> Pa
             _write_csv(beside, image)
         else:
             _write_tiff(beside, image, kind)
-        os.replace(beside, target)
-    finally:
-        beside.unlink(missing_ok=True)
     return target
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -65,19 +64,14 @@ def write(selection: Selection, path: Path, rows: str, *, force: bool) -> Path:
     source = getattr(selection.map, "path", None)
     if isinstance(source, Path) and path.exists() and source.exists() and path.samefile(source):
         raise MapExists(f"{path} is the map that the selection comes from; choose another name")
-    beside = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
-    try:
-        if path.suffix.lower() == ".raymap":
-            from raymap.selection import copy_selection
+    if path.suffix.lower() == ".raymap":
+        from raymap.selection import copy_selection
 
-            asked = "" if selection.criterion is None else str(selection.criterion)
-            copy_selection(selection.map, selection.ray_ids, beside, description=asked)
-        else:
-            from raymap.arrow import export
+        asked = "" if selection.criterion is None else str(selection.criterion)
+        copy_selection(selection.map, selection.ray_ids, path, force=force, description=asked)
+    else:
+        from raymap.arrow import export
 
-            chosen: Any = rows
-            export(selection.map, beside, rows=chosen, ray_ids=selection.ray_ids)
-        os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)
+        chosen: Any = rows
+        export(selection.map, path, rows=chosen, ray_ids=selection.ray_ids, force=force)
     return path

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from raymap.errors import DamagedPortion, MapExists, RayMapError
 from raymap.portion import Portion
 from raymap.reader import RayMap
+from raymap.replacing import replacing
 from raymap.rows import take_rays
 from raymap.schema import COLOR_SCALE, NORMAL_SCALE, UV_SCALE
-from raymap.selection import places_in, replacing
+from raymap.selection import places_in
 
 __all__ = ["batches", "export", "schema_of"]
 

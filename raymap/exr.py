@@ -9,7 +9,6 @@ Graphics Techniques 10(3), 1 (2021): names of spectral channels.
 
 from __future__ import annotations
 
-import os
 import struct
 import zlib
 from collections.abc import Mapping
@@ -17,6 +16,8 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from raymap.replacing import replacing
 
 __all__ = ["spectral_channels", "write_exr"]
 
@@ -79,6 +80,5 @@ def write_exr(
         table += struct.pack("<Q", offset)
         offset += len(block)
     target = Path(path)
-    beside = target.with_name(target.name + ".part")
-    beside.write_bytes(header + table + b"".join(blocks))
-    os.replace(beside, target)
+    with replacing(target) as beside:
+        beside.write_bytes(header + table + b"".join(blocks))

@@ -14,8 +14,8 @@ from raymap.errors import FormatError, MapExists
 from raymap.kernels import lean_kernel
 from raymap.layout import KNOWN_TAGS
 from raymap.reader import RayMap
+from raymap.replacing import replacing
 from raymap.schema import COLOR_SCALE
-from raymap.selection import replacing
 from raymap.stored import StoredPortion
 from raymap.verify import portion_problem
 from raymap.writer import RayMapWriter

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import os
 from collections.abc import Iterator
@@ -11,15 +10,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.errors import DamagedPortion, MapExists, RayMapError
+from raymap.errors import DamagedPortion, MapExists
 from raymap.portion import Descriptors, Portion
 from raymap.reader import RayMap
+from raymap.replacing import replacing
 from raymap.rows import can_join, join_portions, take_rays
 from raymap.schema import PORTION_RAYS, PORTION_RECORDS
 from raymap.stored import StoredPortion
 from raymap.writer import RayMapWriter
 
-__all__ = ["copy_selection", "places_in", "replacing"]
+__all__ = ["copy_selection", "places_in"]
 
 
 def copy_selection(
@@ -156,19 +156,3 @@ def _joined(portions: Iterator[Portion]) -> Iterator[Portion]:
         records += portion.n_records
     if waiting:
         yield join_portions(waiting) if len(waiting) > 1 else waiting[0]
-
-
-@contextlib.contextmanager
-def replacing(target: Path) -> Iterator[Path]:
-    """A name beside the target; the file there takes the target's place if all goes well."""
-    temporary = target.with_name(f".{target.name}.{os.getpid()}.part")
-    try:
-        yield temporary
-        os.replace(temporary, target)
-    except BaseException as error:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
-        if isinstance(error, OSError) and not isinstance(error, RayMapError):
-            reason = os.strerror(error.errno) if error.errno else str(error)
-            raise RayMapError(f"{target} cannot be written: {reason}") from None
-        raise

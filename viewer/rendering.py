@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.errors import MissingExtra, RayMapError
+from raymap.replacing import replacing
 from viewer.camera import STANDARD_VIEWS
 from viewer.scene import load_bodies
 from viewer.state import COLOR_RULES, ViewState
@@ -55,15 +55,8 @@ def _pillow() -> Any:
 def write_beside(path: str | Path, data: bytes) -> Path:
     """Write a file under another name first, then rename it: never half a file."""
     target = Path(path)
-    if target.is_dir():
-        raise RayMapError(f"cannot write {str(path)!r}: it is a folder; name a file")
-    part = target.with_name(f".{target.name}.{os.getpid()}.part")
-    try:
-        part.write_bytes(data)
-        os.replace(part, target)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise RayMapError(f"cannot write {str(path)!r}: {error.strerror}") from None
+    with replacing(target) as beside:
+        beside.write_bytes(data)
     return target
 
 

@@ -34,8 +34,8 @@ from raymap.errors import MapExists, RayMapError
 from raymap.events import Event
 from raymap.foreign.zrd import FATAL, Trees, ZrdFile
 from raymap.portion import Descriptors, Portion
+from raymap.replacing import replacing
 from raymap.schema import NORMAL_SCALE
-from raymap.selection import replacing
 from raymap.writer import RayMapWriter
 
 __all__ = ["import_zrd"]

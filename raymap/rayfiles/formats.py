@@ -11,6 +11,7 @@ from typing import Any, Literal, Protocol
 from raymap.errors import MapExists
 from raymap.rayfiles import tm25, zemax
 from raymap.rayfiles.rays import RayFileError, RaySet
+from raymap.replacing import replacing
 
 __all__ = ["SUFFIXES", "RayFileWriter", "create", "read", "write"]
 
@@ -73,19 +74,14 @@ def create(
         raise RayFileError(f"there is no folder {path.parent} to write {path.name} into")
     if path.exists() and not force:
         raise MapExists(f"{path} exists; nothing was written over")
-    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with beside.open("wb") as file:
-            writer: Any
-            if suffix == ".tm25ray":
-                writer = tm25.Tm25Writer(file, like)
-            else:
-                writer = zemax.ZemaxWriter(file, like, version=zemax_version)
-            yield writer
-            writer.finish()
-        os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)
+    with replacing(path) as beside, beside.open("wb") as file:
+        writer: Any
+        if suffix == ".tm25ray":
+            writer = tm25.Tm25Writer(file, like)
+        else:
+            writer = zemax.ZemaxWriter(file, like, version=zemax_version)
+        yield writer
+        writer.finish()
 
 
 def write(

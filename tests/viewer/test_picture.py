@@ -130,10 +130,10 @@ def test_the_command_refuses_in_one_line(
 def test_a_picture_that_cannot_be_written_leaves_nothing(
     small_map: raymap.RayMap, tmp_path: Path
 ) -> None:
-    with pytest.raises(raymap.RayMapError, match="cannot write"):
+    with pytest.raises(raymap.RayMapError, match="cannot be written"):
         picture(small_map, size=(64, 64), out=tmp_path / "no" / "a.png")
     (tmp_path / "taken.png").mkdir()
-    with pytest.raises(raymap.RayMapError, match="cannot write"):
+    with pytest.raises(raymap.RayMapError, match="cannot be written"):
         picture(small_map, size=(64, 64), out=tmp_path / "taken.png")
     assert [entry.name for entry in tmp_path.iterdir() if entry.is_file()] == []
 

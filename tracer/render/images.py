@@ -7,7 +7,6 @@ PNG, W3C Recommendation (third edition), sections 5, 9, 11.3.6.
 
 from __future__ import annotations
 
-import os
 import struct
 import zlib
 from collections.abc import Sequence
@@ -18,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from raymap.colorimetry import encode_srgb
 from raymap.exr import spectral_channels, write_exr
+from raymap.replacing import replacing
 
 __all__ = ["spectral_channels", "to_bytes", "write_animation", "write_exr", "write_png"]
 
@@ -29,9 +29,8 @@ def to_bytes(linear: ArrayLike) -> NDArray[np.uint8]:
 
 def _replace(path: Path, data: bytes) -> None:
     """Write beside the target and rename, so that no half-written picture stands there."""
-    beside = path.with_name(path.name + ".part")
-    beside.write_bytes(data)
-    os.replace(beside, path)
+    with replacing(path) as beside:
+        beside.write_bytes(data)
 
 
 def _chunk(tag: bytes, body: bytes) -> bytes:

@@ -9,7 +9,7 @@ from xml.sax.saxutils import escape
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.errors import SceneError
+from raymap.replacing import replacing
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.model import Scene
 
@@ -23,10 +23,8 @@ _RAYS = 15
 def draw_section(scene: Scene, path: str | Path) -> None:
     """Write the section through x = 0, z to the right and y upward, as an SVG file."""
     text = section_svg(compile_scene(scene))
-    try:
-        Path(path).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise SceneError(f"the drawing {str(path)!r} cannot be written: {error.strerror}") from None
+    with replacing(Path(path)) as beside:
+        beside.write_text(text, encoding="utf-8")
 
 
 def section_svg(compilation: Compilation) -> str:
