@@ -14,6 +14,7 @@ import numba
 import numpy as np
 
 from raymap.compilecache import keep_compiled
+from raymap.parts import PartCompiler
 
 __all__ = ["inline_kernel", "inner_kernel", "kernel", "lean_kernel", "number", "unsigned"]
 
@@ -42,8 +43,8 @@ def lean_kernel(function: F) -> F:
 
 
 def inner_kernel(function: F) -> F:
-    """As `lean_kernel`, to be called from compiled code only: compiles without a Python door."""
-    return _compiled(function, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+    """As `lean_kernel`, to be called from compiled code only: compiled as a part of its callers."""
+    return _part(function, forceinline=False)
 
 
 def inline_kernel(function: F) -> F:
@@ -51,9 +52,20 @@ def inline_kernel(function: F) -> F:
 
     A call that hands over arrays copies their descriptions, which costs more than a short step.
     """
-    return _compiled(
-        function, _nrt=False, forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True
-    )
+    return _part(function, forceinline=True)
+
+
+def _part(function: F, *, forceinline: bool) -> F:
+    compiled = numba.njit(
+        nogil=True,
+        error_model="numpy",
+        pipeline_class=PartCompiler,
+        forceinline=forceinline,
+        _nrt=False,
+        no_cpython_wrapper=True,
+        no_cfunc_wrapper=True,
+    )(function)
+    return cast(F, compiled)
 
 
 @inline_kernel
