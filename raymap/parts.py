@@ -29,7 +29,7 @@ class _NoEnvironment:
         """Parts hold no Python objects."""
 
 
-class _PartLibrary(JITCodeLibrary):
+class _PartLibrary(JITCodeLibrary):  # type: ignore[misc]
     """Code to be linked into that of the callers; it has no address."""
 
     @property
@@ -48,7 +48,7 @@ class _PartLibrary(JITCodeLibrary):
         self._finalized = True
 
 
-class PartCompiler(CompilerBase):
+class PartCompiler(CompilerBase):  # type: ignore[misc]
     """The usual passes, into a library that only serves callers."""
 
     def define_pipelines(self) -> list[Any]:

@@ -16,13 +16,14 @@ import numpy as np
 
 from raymap.cells import is_pinhole
 from raymap.cluster import shares_memory
-from raymap.encoder import EncodedPortion
+from raymap.encoder import EncodedPortion, PortionEncoder
 from raymap.errors import MapExists, SceneError
 from raymap.portion import Descriptors, Portion
 from raymap.schema import PORTION_RAYS, PORTION_RECORDS
 from raymap.writer import RayMapWriter
 from tracer.counts import Counts, DetectorCount
 from tracer.engine.wavefront import Wavefront
+from tracer.rehearsal import compile_trace, implies_normals
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.load import load_scene
 from tracer.scene.model import Scene
@@ -151,7 +152,10 @@ def record(
         raise SceneError(f"seed must be from 0 to 2**63 - 1, not {seed}")
     if rays is None and seconds is None:
         rays = DEFAULT_RAYS
+    count = threads or os.cpu_count() or 1
     if isinstance(compilation, Compilation):
+        encoder = PortionEncoder(compilation.directory, raw=raw, compact=compact)
+        compile_trace(compilation, None if no_rays else encoder, count)
         check_sources(compilation)
         if compilation.arrays.rare is not None:
             refuse_pinholes(compilation, "the weighted one")
@@ -167,7 +171,6 @@ def record(
             force=force, raw=raw, compact=compact, portion_rays=portion_rays, progress=progress,
             cancel=cancel,
         )  # fmt: skip
-    count = threads or os.cpu_count() or 1
     if path is None:
         run = _Run(compilation, None, rays, seconds, seed, count, portion_rays, progress)
         run.cancel = cancel
@@ -270,11 +273,7 @@ class _Run:
         self.engine = _engine(compilation, self.seed)
         self.tally = Tally(compilation.directory, compilation.channel_set)
         self.pinholes = _pinholes(compilation)
-        self.implied_normals = all(
-            face.primitive_count == 1 and face.quadrics and face.quadrics[0] is not None
-            for item in compilation.directory.objects
-            for face in item.faces
-        )
+        self.implied_normals = implies_normals(compilation.directory)
         self.channel_set = writer.add_channel_set(compilation.channel_set) if writer else 0
         fitting = self._fitting_rays()
         self.portion_rays = portion_rays or fitting
@@ -294,7 +293,6 @@ class _Run:
         rays = max(64, _PILOT_RAYS // self.engine.fan)
         pilot = self.engine.trace(0, rays, reuse=True)
         if self.writer:
-            # Compile what encodes portions before the clock starts
             self.writer.encode(self._traced(0, rays), 0)
         fitting = 0.8 * PORTION_RECORDS * rays / pilot.n_records
         return max(1 if self.engine.splits else 64, min(PORTION_RAYS, 1 << int(np.log2(fitting))))

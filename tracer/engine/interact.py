@@ -169,7 +169,7 @@ def place_block(
     counters[COLORS] = len(scene.source_i)
 
 
-@inner_kernel
+@lean_kernel
 def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int) -> None:
     """Bring every live ray to the end of its segment; keep those that go on.
 

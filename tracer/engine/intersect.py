@@ -12,13 +12,13 @@ import math
 
 import numpy as np
 
-from raymap.kernels import inner_kernel, unsigned
+from raymap.kernels import inner_kernel, lean_kernel, unsigned
 from tracer.engine.buffers import BUNDLE, HIT, KEY, ORDER, Buffers, T
 from tracer.engine.buffers import OWN as LIVE_OWN
 from tracer.engine.refraction import follow_settled
 from tracer.geometry.kinds import F64, I64, Integer
 from tracer.geometry.nearest import DISTANCE, OWN, nearest_on_face
-from tracer.scene.arrays import F_KIND, I32, CompiledScene
+from tracer.scene.arrays import F_KIND, I32, Faces
 
 __all__ = ["nearest_hits"]
 
@@ -41,8 +41,8 @@ def sort_by_departure(live_i: I64, n: int, bins: I64) -> None:
         bins[key] = place + 1
 
 
-@inner_kernel
-def nearest_hits(scene: CompiledScene, b: Buffers, n: int, refract: bool) -> None:
+@lean_kernel
+def nearest_hits(scene: Faces, b: Buffers, n: int, refract: bool) -> None:
     """Set distance and face met next of ``n`` rays (inf and -1 where nothing is met).
 
     With ``refract`` rays that meet a plain lens face are dealt with at once.

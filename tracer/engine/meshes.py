@@ -1,11 +1,10 @@
-"""Steps of scenes with triangle meshes: analytic faces first, then Embree, then the interaction."""
+"""Nearest triangle of all live rays, where it is nearer than the analytic faces."""
 
 from __future__ import annotations
 
 from raymap.kernels import inner_kernel, lean_kernel
 from tracer.engine.buffers import (
     HIT,
-    LIVE,
     MESH_BODY,
     MESH_NORMAL,
     MESH_POINT,
@@ -16,9 +15,6 @@ from tracer.engine.buffers import (
     Buffers,
     T,
 )
-from tracer.engine.interact import interact
-from tracer.engine.intersect import nearest_hits
-from tracer.engine.splitting import Twins, has_room
 from tracer.geometry.kinds import F64, I64
 from tracer.geometry.mesh_hits import (
     MeshArrays,
@@ -26,34 +22,26 @@ from tracer.geometry.mesh_hits import (
     mesh_shading_normal,
     nearest_on_meshes,
 )
-from tracer.scene.arrays import CompiledScene
 
-__all__ = ["run_mesh_steps"]
+__all__ = ["nearest_on_solids"]
 
 
 @lean_kernel
-def run_mesh_steps(
-    scene: CompiledScene, mesh: MeshArrays, first_face: I64, scratch: MeshScratch, b: Buffers,
-    twins: Twins | None, follow: int,
-) -> bool:  # fmt: skip
-    """As `run_steps`, with meshes; ``first_face`` is the row of face 0 of every mesh object."""
-    counters = b.counters
-    meetings = len(scene.detector_i) + 1
-    while counters[LIVE] > 0:
-        n = counters[LIVE]
-        if not has_room(twins, b, n, meetings):
-            return False
-        nearest_hits(scene, b, n, False)
-        for i in range(n):
-            b.live_i[MESH_BODY, i] = -1
-        nearest_on_meshes(
-            mesh, b.live_f, b.live_i[OWN_BODY], b.live_i[OWN_TRIANGLE], b.live_f[T],
-            b.live_i[MESH_BODY], b.live_i[MESH_TRIANGLE], b.live_f[MESH_POINT:MESH_NORMAL],
-            b.live_f[MESH_NORMAL:MESH_SHADING], n, scratch,
-        )  # fmt: skip
-        _name_faces(mesh, first_face, b.live_f, b.live_i, n)
-        interact(scene, b, twins, follow)
-    return True
+def nearest_on_solids(
+    mesh: MeshArrays, first_face: I64, scratch: MeshScratch, b: Buffers, n: int
+) -> None:
+    """Let ``n`` rays meet meshes where those are nearer than the faces found so far.
+
+    ``first_face`` is the row of face 0 of every mesh object.
+    """
+    for i in range(n):
+        b.live_i[MESH_BODY, i] = -1
+    nearest_on_meshes(
+        mesh, b.live_f, b.live_i[OWN_BODY], b.live_i[OWN_TRIANGLE], b.live_f[T],
+        b.live_i[MESH_BODY], b.live_i[MESH_TRIANGLE], b.live_f[MESH_POINT:MESH_NORMAL],
+        b.live_f[MESH_NORMAL:MESH_SHADING], n, scratch,
+    )  # fmt: skip
+    _name_faces(mesh, first_face, b.live_f, b.live_i, n)
 
 
 @inner_kernel

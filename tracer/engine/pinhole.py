@@ -193,7 +193,7 @@ class Pinholes:
             )  # fmt: skip
             if n == 0:
                 continue
-            _nearest(self.scene, buffers, n)
+            nearest_hits(self.scene.faces, buffers, n, False)
             if self.compilation.solids is not None and scratch is not None:
                 _nearest_mesh(self.compilation.solids.arrays, buffers, scratch, n)
             free = buffers.live_f[T, :n] >= found.distance[:n] * (1.0 - 1e-9)
@@ -381,11 +381,6 @@ def _phase(row: F64, tables: F64 | None, mu: float) -> float:
     if tables is None:
         return 0.0
     return eval_phase(row, tables, mu)
-
-
-@lean_kernel
-def _nearest(scene: CompiledScene, b: Buffers, n: int) -> None:
-    nearest_hits(scene, b, n, False)
 
 
 @lean_kernel

@@ -37,7 +37,7 @@ from tracer.engine.buffers import (
 from tracer.engine.nests import enter_body, leave_body, top_body
 from tracer.engine.random import advance, uniform
 from tracer.engine.records import write_record
-from tracer.geometry.kinds import F64, SPHERE, Integer
+from tracer.geometry.kinds import F64, I64, SPHERE, Integer
 from tracer.geometry.nearest import DISTANCE, nearest_on_face
 from tracer.geometry.normals import face_normal
 from tracer.scene.arrays import (
@@ -51,11 +51,12 @@ from tracer.scene.arrays import (
     F_OUTSIDE,
     F_SURFACE,
     F_TRIANGLE,
+    I32,
     M_DISPERSIVE,
     S_MODEL,
     SURFACE_ROW,
     WORLD,
-    CompiledScene,
+    Faces,
 )
 
 __all__ = ["DONE", "follow_settled"]
@@ -83,7 +84,7 @@ _OTHER_SIDE, _CROSSES, _TURNS, _TOTAL = 0.0, 1.0, 2.0, 3.0
 
 @inner_kernel
 def follow_settled(
-    scene: CompiledScene, b: Buffers, row: Integer, key: int, place: int, face: int, m: int
+    scene: Faces, b: Buffers, row: Integer, key: int, place: int, face: int, m: int
 ) -> int:
     """Deal with rays of a bundle whose hit is settled; pack the others and return how many.
 
@@ -143,25 +144,28 @@ def follow_settled(
 
 @inner_kernel
 def _follow(
-    scene: CompiledScene, b: Buffers, face: int, nest: int, medium: int, size: int, most: int
+    scene: Faces, b: Buffers, face: int, nest: int, medium: int, size: int, most: int
 ) -> None:
     """Follow a stream of rays that meet ``face``, for at most ``most`` records."""
-    f, g = b.stream_f, b.stream_i
+    f, g, live_f, live_i, ray_i = b.stream_f, b.stream_i, b.live_f, b.live_i, b.ray_i
     legs, key, row = number(0), number(-1), number(0)
     while True:
         # Find out where the first ray goes if it crosses
         beyond, inward = _cross(
-            scene, face, nest, f[0, 0] + f[DISTANCE + row, 0] * f[3, 0],
-            f[1, 0] + f[DISTANCE + row, 0] * f[4, 0], f[2, 0] + f[DISTANCE + row, 0] * f[5, 0],
-            f[3, 0], f[4, 0], f[5, 0],
+            scene.face_i, scene.face_f, scene.body_i, face, nest,
+            f[0, 0] + f[DISTANCE + row, 0] * f[3, 0], f[1, 0] + f[DISTANCE + row, 0] * f[4, 0],
+            f[2, 0] + f[DISTANCE + row, 0] * f[5, 0], f[3, 0], f[4, 0], f[5, 0],
         )  # fmt: skip
         room = len(b.words) - b.counters[RECORDS] - b.counters[LIVE]
         if beyond < 0 or legs == most or (legs > 0 and size > room):
             break
         body = top_body(beyond)
         other = scene.body_i[unsigned(body), B_MEDIUM] if body >= 0 else scene.limits[WORLD]
-        _look_up(scene, b, medium, other, size)
-        _refract(scene, face, f, row, size, inward)
+        _look_up(scene.medium_f, f, g, b.colors.shape[1], medium, other, size)
+        _refract(scene.face_f, face, scene.face_i[face, F_KIND], f, row, size)
+        _reflectance(scene.surface_i, scene.surface_f, scene.face_i[face, F_SURFACE], f, size)
+        _choose(f, size, inward)
+        _turn(f, size)
         size, along = _write(scene, b, face, key, nest, medium, other, beyond, legs, row, size)
         legs += 1
         nest, medium = beyond, other
@@ -171,7 +175,7 @@ def _follow(
         if size < _FEW or target < 0:
             break
         # Find the rays that meet the face which most are bound for
-        _start(b, face, size)
+        _start(f, g, face, size)
         first = scene.first[key]
         for c in range(first, first + target + 1):
             face = scene.face[c]
@@ -179,21 +183,23 @@ def _follow(
                 scene.face_i[face, F_KIND], scene.face_f, face, scene.pool, f, g, row, size
             )
             row = 1 - row
-        size = _keep_met(scene, b, face, key, target, nest, medium, legs, row, size)
+        size = _keep_met(
+            scene.settle, f, g, live_f, live_i, ray_i, face, key, target, nest, medium, legs, row,
+            size,
+        )  # fmt: skip
         if size < _FEW:
             break
     for j in range(size):
-        _put_back(b, j, face, key, nest, medium, legs, row)
+        _put_back(f, g, live_f, live_i, ray_i, j, face, key, nest, medium, legs, row)
 
 
 @inner_kernel
 def _cross(
-    scene: CompiledScene, face: int, nest: int, x: float, y: float, z: float, dx: float,
-    dy: float, dz: float,
+    face_i: I64, face_f: F64, body_i: I64, face: int, nest: int, x: float, y: float, z: float,
+    dx: float, dy: float, dz: float,
 ) -> tuple[int, bool]:  # fmt: skip
     """Nest beyond a face, -1 where that needs a closer look; whether the ray is on its way in."""
-    face_i, body_i = scene.face_i, scene.body_i
-    nx, ny, nz = face_normal(face_i[face, F_KIND], scene.face_f, face, x, y, z)
+    nx, ny, nz = face_normal(face_i[face, F_KIND], face_f, face, x, y, z)
     inward = dx * nx + dy * ny + dz * nz < 0.0
     inside, outside = face_i[face, F_INSIDE], face_i[face, F_OUTSIDE]
     beyond = nest
@@ -214,9 +220,10 @@ def _cross(
 
 
 @inner_kernel
-def _look_up(scene: CompiledScene, b: Buffers, medium: int, other: int, size: int) -> None:
+def _look_up(
+    medium_f: F64, f: F64, g: I64, n_channels: int, medium: int, other: int, size: int
+) -> None:
     """Indices on both sides and the next random number of each ray."""
-    f, g, medium_f, n_channels = b.stream_f, b.stream_i, scene.medium_f, b.colors.shape[1]
     for j in range(size):
         code = g[_CODE, j]
         channel = unsigned(code if code < n_channels else 0)
@@ -227,18 +234,15 @@ def _look_up(scene: CompiledScene, b: Buffers, medium: int, other: int, size: in
 
 
 @inner_kernel
-def _refract(
-    scene: CompiledScene, face: int, f: F64, row: Integer, size: int, inward: bool
-) -> None:
-    """Points on the face and directions after it, as `tracer.engine.surfaces` has them.
+def _refract(table: F64, face: int, kind: int, f: F64, row: Integer, size: int) -> None:
+    """Points on the face, normals and angles there, as `tracer.engine.surfaces` has them.
 
     Every loop writes one row: the compiler vectorises what it can prove not to overlap.
     """
-    table = scene.face_f
     for k in range(3):
         for j in range(size):
             f[_POINT + k, j] = f[k, j] + f[DISTANCE + row, j] * f[3 + k, j]
-    if scene.face_i[face, F_KIND] == SPHERE:
+    if kind == SPHERE:
         scale, radius = table[face, 8], table[face, 6]
         for k in range(3):
             vertex, offset = table[face, k], radius * table[face, 3 + k]
@@ -256,9 +260,11 @@ def _refract(
     for j in range(size):
         eta, cos_i = f[_ETA, j], min(1.0, abs(f[_COSINE, j]))
         f[_COS2, j] = 1.0 - eta * eta * (1.0 - cos_i * cos_i)
-    _reflectance(scene, face, f, size)
-    _choose(f, size, inward)
-    # Turn the directions and keep them of unit length
+
+
+@inner_kernel
+def _turn(f: F64, size: int) -> None:
+    """Turn the directions and keep them of unit length."""
     for k in range(3):
         for j in range(size):
             f[_AFTER + k, j] = f[_SCRATCH, j] * f[3 + k, j] + f[_ALONG, j] * f[_NORMAL + k, j]
@@ -271,10 +277,9 @@ def _refract(
 
 
 @inner_kernel
-def _reflectance(scene: CompiledScene, face: int, f: F64, size: int) -> None:
-    surface = scene.face_i[face, F_SURFACE]
-    if scene.surface_i[surface, S_MODEL] != 0:
-        even = scene.surface_f[surface, SURFACE_ROW]
+def _reflectance(surface_i: I64, surface_f: F64, surface: int, f: F64, size: int) -> None:
+    if surface_i[surface, S_MODEL] != 0:
+        even = surface_f[surface, SURFACE_ROW]
         for j in range(size):
             f[_SCRATCH, j] = even
         return
@@ -307,19 +312,20 @@ def _choose(f: F64, size: int, inward: bool) -> None:
 
 @inner_kernel
 def _write(
-    scene: CompiledScene, b: Buffers, face: int, key: int, nest: int, medium: int, other: int,
+    scene: Faces, b: Buffers, face: int, key: int, nest: int, medium: int, other: int,
     beyond: int, legs: int, row: Integer, size: int,
 ) -> tuple[int, int]:  # fmt: skip
     """Write the records; keep the rays that cross and put back the others.
 
     Returns how many go on, and whether along the main axis of the face.
     """
-    f, g, words, real, exact = b.stream_f, b.stream_i, b.words, b.real, b.exact
+    f, g, live_f, live_i, ray_i = b.stream_f, b.stream_i, b.live_f, b.live_i, b.ray_i
+    words, real, exact = b.words, b.real, b.exact
     for j in range(size - 1, -1, -1):
         if f[_OUTCOME, j] == _OTHER_SIDE:
-            _put_back(b, j, face, key, nest, medium, legs, row)
+            _put_back(f, g, live_f, live_i, ray_i, j, face, key, nest, medium, legs, row)
             size -= 1
-            _fill(b, j, size, _OUTCOME)
+            _fill(f, g, j, size, number(_OUTCOME))
     obj, triangle = scene.face_i[face, F_OBJECT], scene.face_i[face, F_TRIANGLE]
     mark = scene.face_i[face, F_EVENT]
     crossed = mark | _REFRACTED | (_MEDIUM_CHANGED if other != medium else 0)
@@ -363,18 +369,17 @@ def _write(
         crosses = f[_OUTCOME, j] == _CROSSES
         if not crosses or along != sense:
             _put_back(
-                b, j, face, 2 * face + along, beyond if crosses else nest,
+                f, g, live_f, live_i, ray_i, j, face, 2 * face + along, beyond if crosses else nest,
                 other if crosses else medium, legs + 1, row,
             )  # fmt: skip
             size -= 1
-            _fill(b, j, size, 5)
+            _fill(f, g, j, size, number(5))
     return size, sense
 
 
 @inner_kernel
-def _fill(b: Buffers, j: int, last: int, rows: int) -> None:
+def _fill(f: F64, g: I64, j: int, last: int, rows: int) -> None:
     """Move the last ray of a stream to a place that became free."""
-    f, g = b.stream_f, b.stream_i
     if j != last:
         for k in range(rows + 1):
             f[k, j] = f[k, last]
@@ -383,9 +388,8 @@ def _fill(b: Buffers, j: int, last: int, rows: int) -> None:
 
 
 @inner_kernel
-def _start(b: Buffers, face: int, size: int) -> None:
+def _start(f: F64, g: I64, face: int, size: int) -> None:
     """Nothing is met yet."""
-    f, g = b.stream_f, b.stream_i
     for j in range(size):
         f[DISTANCE, j] = math.inf
     for j in range(size):
@@ -396,30 +400,40 @@ def _start(b: Buffers, face: int, size: int) -> None:
 
 @inner_kernel
 def _keep_met(
-    scene: CompiledScene, b: Buffers, face: int, key: int, place: int, nest: int, medium: int,
-    legs: int, row: Integer, size: int,
+    settle: I32, f: F64, g: I64, live_f: F64, live_i: I64, ray_i: I32, face: int, key: int,
+    place: int, nest: int, medium: int, legs: int, row: Integer, size: int,
 ) -> int:  # fmt: skip
     """Keep the rays whose hit on ``face`` is settled, put back the others."""
-    g, leaving = b.stream_i, face + len(scene.face_i)
-    near, far = scene.settle[key, face] <= place, scene.settle[key, leaving] <= place
+    leaving = face + settle.shape[1] // 2
+    near, far = settle[key, face] <= place, settle[key, leaving] <= place
     for j in range(size - 1, -1, -1):
         hit = g[BUNDLE_CODE + row, j]
         if not ((hit == face and near) or (hit == leaving and far)):
-            _put_back(b, j, face, key, nest, medium, legs, row)
+            _put_back(f, g, live_f, live_i, ray_i, j, face, key, nest, medium, legs, row)
             size -= 1
-            _fill(b, j, size, DISTANCE + 1)
+            _fill(f, g, j, size, number(DISTANCE + 1))
     return size
 
 
 @inner_kernel
 def _put_back(
-    b: Buffers, j: int, face: int, key: int, nest: int, medium: int, legs: int, row: Integer
+    f: F64,
+    g: I64,
+    live_f: F64,
+    live_i: I64,
+    ray_i: I32,
+    j: int,
+    face: int,
+    key: int,
+    nest: int,
+    medium: int,
+    legs: int,
+    row: Integer,
 ) -> None:
     """Bring a ray up to date that is no longer followed.
 
     A ray of which no record is written yet stands where it was: it is about to meet ``face``.
     """
-    f, g, live_f, live_i = b.stream_f, b.stream_i, b.live_f, b.live_i
     i = unsigned(g[BUNDLE_SLOT, j])
     if legs == 0:
         live_f[T, i] = f[DISTANCE + row, j]
@@ -431,4 +445,4 @@ def _put_back(
     live_i[NEST, i], live_i[MEDIUM, i] = nest, medium
     live_i[RNG, i], live_i[LAST, i] = g[_RNG, j], g[_LAST, j]
     live_i[HIT, i] = DONE
-    b.ray_i[N_RECORDS, unsigned(g[_RAY, j])] += legs
+    ray_i[N_RECORDS, unsigned(g[_RAY, j])] += legs

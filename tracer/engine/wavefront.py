@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import threading
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.compiling import Task, address_of, call_at, task
 from raymap.kernels import lean_kernel
 from raymap.portion import Descriptors as DescriptorColumns
 from raymap.portion import Portion
@@ -22,10 +23,12 @@ from tracer.engine.intersect import nearest_hits
 from tracer.engine.splitting import Twins, has_room, make_twins, start_emissions, widen
 from tracer.engine.store import Columns, store_block
 from tracer.engine.store_split import order_split_block, store_split_block
-from tracer.scene.arrays import R_RAYS, R_SPLITS, CompiledScene
+from tracer.geometry.kinds import I64
+from tracer.scene.arrays import R_RAYS, R_SPLITS, CompiledScene, Faces
 from tracer.sources import emitted_counts
 
 if TYPE_CHECKING:
+    from tracer.geometry.mesh_hits import MeshArrays, MeshScratch
     from tracer.scene.meshes import SceneMeshes
 
 __all__ = ["BLOCK", "Wavefront", "run_steps"]
@@ -40,17 +43,39 @@ _WORD = 2**63 - 1
 _RAYS, _RECORDS, _DESCRIPTORS, _COLORS = range(4)
 
 
+class Stages(NamedTuple):
+    """Where `nearest_hits`, `interact` and, with meshes, `nearest_on_solids` are in memory."""
+
+    hits: int
+    interact: int
+    solids: int
+
+
+class Solids(NamedTuple):
+    """The first arguments of `nearest_on_solids`."""
+
+    arrays: MeshArrays
+    first_face: I64
+    scratch: MeshScratch
+
+
 @lean_kernel
-def run_steps(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int) -> bool:
+def run_steps(
+    stages: Stages, scene: CompiledScene, faces: Faces, meshes: Solids | None, b: Buffers,
+    twins: Twins | None, follow: int,
+) -> bool:  # fmt: skip
     """Trace until no ray is alive (True) or a buffer could overflow in the next step (False)."""
     counters = b.counters
     meetings = len(scene.detector_i) + 1
+    refract = follow == 0 and meshes is None
     while counters[LIVE] > 0:
         n = counters[LIVE]
         if not has_room(twins, b, n, meetings):
             return False
-        nearest_hits(scene, b, n, follow == 0)
-        interact(scene, b, twins, follow)
+        call_at(stages.hits, (faces, b, n, refract))
+        if meshes is not None:
+            call_at(stages.solids, (meshes.arrays, meshes.first_face, meshes.scratch, b, n))
+        call_at(stages.interact, (scene, b, twins, follow))
     return True
 
 
@@ -84,6 +109,7 @@ class Wavefront:
     ) -> None:
         self.meshes = meshes
         self.scene = scene if weighted else scene._replace(rare=None)
+        self.faces = self.scene.faces
         self.exact = exact
         rare = self.scene.rare
         self.splits = rare is not None and rare.settings[R_SPLITS] > 0.0
@@ -155,28 +181,60 @@ class Wavefront:
         return replace(portion, source=np.zeros(len(origins), np.int16))
 
     def _run(self, workspace: Workspace, follow: int) -> None:
-        if self.meshes is None:
-            while not run_steps(self.scene, workspace.buffers, self._twins(), follow):
-                self._make_room(workspace)
-            return
-        from tracer.engine.meshes import run_mesh_steps
-        from tracer.geometry.mesh_hits import mesh_scratch
+        stages = self._stages(workspace.buffers)
+        while not run_steps(
+            stages, self.scene, self.faces, self._solids(), workspace.buffers, self._twins(), follow
+        ):
+            workspace.make_room(self.scene)
+            if self.splits:
+                self._local.twins = widen(workspace, self._local.twins)
 
-        if not hasattr(self._local, "scratch"):
-            self._local.scratch = mesh_scratch()
-        while not run_mesh_steps(
-            self.scene, self.meshes.arrays, self.meshes.first_face, self._local.scratch,
-            workspace.buffers, self._twins(), follow,
-        ):  # fmt: skip
-            self._make_room(workspace)
+    def tasks(self) -> list[Task]:
+        """What is to be compiled before rays can be traced, the longest task first."""
+        workspace, assembly = self._buffers()
+        b, filled, few = workspace.buffers, assembly.filled, np.empty(0, np.int32)
+        return [
+            *self._stage_tasks(b),
+            task(emit_block, self.scene, 0, 0, 0, b),
+            task(store_block, 0, 0, b, assembly.columns, filled, few, few),
+            task(
+                run_steps, Stages(0, 0, 0), self.scene, self.faces, self._solids(), b,
+                self._twins(), 0,
+            ),
+        ]  # fmt: skip
+
+    def _stage_tasks(self, b: Buffers) -> list[Task]:
+        """The stages of a step in the order of `Stages`."""
+        tasks = [
+            task(nearest_hits, self.faces, b, 0, True),
+            task(interact, self.scene, b, self._twins(), 0),
+        ]
+        solids = self._solids()
+        if solids is not None:
+            from tracer.engine.meshes import nearest_on_solids
+
+            tasks.append(task(nearest_on_solids, *solids, b, 0))
+        return tasks
+
+    def _solids(self) -> Solids | None:
+        """What finds the nearest triangle; the scratch is this thread's own."""
+        if self.meshes is None:
+            return None
+        if not hasattr(self._local, "solids"):
+            from tracer.geometry.mesh_hits import mesh_scratch
+
+            arrays, first_face = self.meshes.arrays, self.meshes.first_face
+            self._local.solids = Solids(arrays, first_face, mesh_scratch())
+        return self._local.solids  # type: ignore[no-any-return]
+
+    def _stages(self, b: Buffers) -> Stages:
+        if not hasattr(self._local, "stages"):
+            addresses = [address_of(item) for item in self._stage_tasks(b)]
+            self._local.stages = Stages(*addresses, *[0] * (3 - len(addresses)))
+        return self._local.stages  # type: ignore[no-any-return]
 
     def _twins(self) -> Twins | None:
         return self._local.twins if self.splits else None
-
-    def _make_room(self, workspace: Workspace) -> None:
-        workspace.make_room(self.scene)
-        if self.splits:
-            self._local.twins = widen(workspace, self._local.twins)
 
     def _buffers(self) -> tuple[Workspace, _Assembly]:
         if not hasattr(self._local, "workspace"):

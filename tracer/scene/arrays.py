@@ -117,6 +117,30 @@ class Contacts(NamedTuple):
     face: I64
 
 
+class Faces(NamedTuple):
+    """What the search of the next face needs of a `CompiledScene`, whose fields they are.
+
+    Compiled code for these serves scenes of all kinds.
+    """
+
+    face_i: I64
+    face_f: F64
+    pool: F64 | None
+    surface_i: I64
+    surface_f: F64
+    medium_i: I64
+    medium_f: F64
+    body_i: I64
+    first: I64
+    face: I64
+    distance: F64
+    settle: I32
+    settles: NDArray[np.uint8]
+    plain: NDArray[np.uint8]
+    target: I32
+    limits: I64
+
+
 class CompiledScene(NamedTuple):
     """All that a trace needs.
 
@@ -167,6 +191,11 @@ class CompiledScene(NamedTuple):
     light_pool: F64 | None = None
     light_rays: NDArray[np.float32] | None = None
     views: Views | None = None
+
+    @property
+    def faces(self) -> Faces:
+        """What the search of the next face needs (host only)."""
+        return Faces(*(getattr(self, name) for name in Faces._fields))
 
     @property
     def n_channels(self) -> int:

@@ -1,0 +1,85 @@
+"""Compile what counts and encodes portions before the first ray is traced."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from raymap.compiling import Task, compile_ahead
+from raymap.dictionary import PathMerger
+from raymap.directory import ChannelSet, Directory
+from raymap.encoder import PortionEncoder
+from raymap.events import Event
+from raymap.portion import Descriptors, Portion
+from tracer.engine.wavefront import Wavefront
+from tracer.scene.compile import Compilation
+from tracer.tally import Tally
+
+__all__ = ["compile_trace", "implies_normals", "rehearse"]
+
+_RAYS = 1024
+
+
+def compile_trace(compilation: Compilation, encoder: PortionEncoder | None, threads: int) -> None:
+    """Compile what traces, counts and encodes, where the cache of compiled code does not have it.
+
+    Parameters
+    ----------
+    encoder : of the map to be written; None where none is
+    threads : with more than one, another process helps
+    """
+    directory, channel_set = compilation.directory, compilation.channel_set
+    engine = Wavefront(compilation.arrays, 0, meshes=compilation.solids, weighted=True)
+    kind = "none" if encoder is None else f"{encoder.raw} {encoder.compact}"
+    implied_normals = implies_normals(directory)
+    key = f"{kind} {implied_normals} {bool(directory.detectors)} {channel_set.n_channels}"
+    arguments = (directory, channel_set, encoder, implied_normals)
+    rehearsal = Task(rehearse.__module__, rehearse.__qualname__, arguments, key)
+    hits, *others = engine.tasks()
+    compile_ahead([hits, rehearsal, *others], processes=threads)
+
+
+def implies_normals(directory: Directory) -> bool:
+    """Whether the normal of every point follows from its face and its place."""
+    return all(
+        face.primitive_count == 1 and bool(face.quadrics) and face.quadrics[0] is not None
+        for item in directory.objects
+        for face in item.faces
+    )
+
+
+def rehearse(
+    directory: Directory,
+    channel_set: ChannelSet,
+    encoder: PortionEncoder | None,
+    implied_normals: bool,
+) -> None:
+    """Count, encode and merge a few rays that leave the scene at once."""
+    meetings, n = (1 if directory.detectors else 0), _RAYS
+    end = int(Event.LEFT_SCENE)
+    portion = Portion(
+        emitted=np.array([n] + [0] * (len(directory.sources) - 1), np.int64),
+        source=np.zeros(n, np.int16),
+        records_per_ray=np.full(n, 2, np.int32),
+        position=np.zeros((2 * n, 3), np.float32),
+        normal=np.zeros((2 * n, 3), np.int16),
+        object=np.full(2 * n, -1, np.int16),
+        triangle=np.full(2 * n, -1, np.int32),
+        event=np.tile(np.array([int(Event.EMITTED), end], np.int32), n),
+        medium=np.zeros(2 * n, np.int16),
+        color_code=np.arange(2 * n, dtype=np.int32) // 2 % channel_set.n_channels,
+        color_table=np.zeros((0, channel_set.n_channels), np.uint16),
+        descriptor_count=np.tile(np.array([meetings, 0], np.uint16), n),
+        descriptors=Descriptors(
+            detector=np.zeros(n * meetings, np.int16),
+            cell=np.zeros((n * meetings, 2), np.uint16),
+            cosine=np.zeros(n * meetings, np.int16),
+            uv=np.zeros((n * meetings, 2), np.uint16),
+            registered=np.ones(n * meetings, np.bool_),
+        ),
+        implied_normals=implied_normals,
+    )
+    Tally(directory, channel_set).add(portion)
+    if encoder is not None:
+        encoded = encoder.encode(portion, 0, 1)
+        if encoded.paths is not None:
+            PathMerger().add(encoded.paths)
