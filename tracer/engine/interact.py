@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from raymap.events import Event
-from raymap.kernels import inline_kernel, inner_kernel, lean_kernel, unsigned
+from raymap.kernels import inline_kernel, inner_kernel, lean_kernel, number, unsigned
 from tracer.engine.buffers import (
     CODE,
     COLORS,
@@ -188,7 +188,7 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
     volume_key = 2 * len(face_i) + len(scene.source_i)
     tiny = _TOUCHING * sphere[3]
     meshed = len(live_f) > MESH_POINT
-    kept = 0
+    kept = number(0)
     r = counters[RECORDS]
     for slot in range(counters[LIVE]):
         i = unsigned(slot)

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from raymap.kernels import inner_kernel, lean_kernel, unsigned
+from raymap.kernels import inner_kernel, lean_kernel, number, unsigned
 from tracer.engine.buffers import BUNDLE, HIT, KEY, ORDER, Buffers, T
 from tracer.engine.buffers import OWN as LIVE_OWN
 from tracer.engine.refraction import follow_settled
@@ -52,7 +52,7 @@ def nearest_hits(scene: Faces, b: Buffers, n: int, refract: bool) -> None:
     first, face, distance = scene.first, scene.face, scene.distance
     settle, settles, n_faces = scene.settle, scene.settles, len(scene.face_i)
     sort_by_departure(live_i, n, bins)
-    start = 0
+    start = number(0)
     for key in range(len(bins) - 1):
         stop = bins[key]
         while start < stop:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.kernels import inner_kernel, lean_kernel, unsigned
+from raymap.kernels import inner_kernel, lean_kernel, number, unsigned
 from tracer.engine.buffers import (
     CHAIN,
     COLORS,
@@ -79,7 +79,7 @@ def store_block(
     """
     words, ray_i, n_rays = b.words, b.ray_i, filled[0]
     # Find the place of every record: rays in order, records of a ray as they happened
-    total = 0
+    total = number(0)
     for ray in range(n):
         count = ray_i[N_RECORDS, ray]
         columns.records_per_ray[n_rays + ray] = count
