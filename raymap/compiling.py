@@ -111,7 +111,11 @@ def compile_ahead(tasks: Sequence[Task], *, processes: int) -> None:
     tasks : the first one must be a compiled function
     processes : with less than two, no other process helps
     """
-    folder = Path(tasks[0].function.stats.cache_path)
+    kept = tasks[0].function.stats.cache_path
+    if kept is None:
+        # Nothing can be kept, nor handed over by another process
+        return
+    folder = Path(kept)
     left = [item for item in tasks if not (folder / item.mark).exists()]
     if len(left) > 1 and min(processes, os.cpu_count() or 1) > 1:
         with tempfile.TemporaryDirectory() as claims:
