@@ -42,13 +42,13 @@ from tracer.engine.buffers import (
 )
 from tracer.engine.contacts import cross_face, scene_touches
 from tracer.engine.lights import emit_light
-from tracer.engine.meetings import pass_planes, pass_views, register_on_face
+from tracer.engine.meetings import near_planes, pass_planes, pass_views, register_on_face
 from tracer.engine.nests import top_body
-from tracer.engine.random import stream_state
+from tracer.engine.random import advance, stream_state
 from tracer.engine.records import write_record
 from tracer.engine.refraction import DONE
 from tracer.engine.splitting import Twins, gather_twins, release_twin, twin_code, twin_event
-from tracer.engine.volumes import fly_freely
+from tracer.engine.volumes import fly_freely, passes_surely
 from tracer.engine.weighted import aim_in_volume, end_faint_ray, meet
 from tracer.geometry.kinds import F64, I64, MESH
 from tracer.geometry.normals import face_normal
@@ -185,6 +185,7 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
     live_f, live_i, ray_i, ray_f = b.live_f, b.live_i, b.ray_i, b.ray_f
     words, real, exact = b.words, b.real, b.exact
     meetings, meeting_t, colors, counters = b.meetings, b.meeting_t, b.colors, b.counters
+    n_channels = colors.shape[1]
     volume_key = 2 * len(face_i) + len(scene.source_i)
     tiny = _TOUCHING * sphere[3]
     meshed = len(live_f) > MESH_POINT
@@ -211,7 +212,12 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
         ignored = False
         cosine, nest_before, medium_before = 0.0, nest, medium
         # Fly freely through a medium that absorbs or scatters
-        if medium_i[unsigned(medium), M_PARTICIPATING] != 0:
+        participating = medium_i[unsigned(medium), M_PARTICIPATING]
+        if participating != 0 and passes_surely(
+            participating, medium_f, unsigned(medium), t, code, n_channels, state
+        ):
+            state = advance(state)
+        elif participating != 0:
             event, t, dx, dy, dz, code, state = fly_freely(
                 medium_i, medium_f, tables, medium, t, dx, dy, dz, code, colors, counters, state
             )
@@ -222,7 +228,7 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
         if event == 0 and face < 0:
             event = LEFT_SCENE
             t = _to_sphere(sphere, x, y, z, dx, dy, dz)
-        if virtual != 0:
+        if virtual != 0 and near_planes(sphere, x, y, z, ux, uy, uz, t):
             pass_planes(
                 detector_i, detector_f, last, x, y, z, ux, uy, uz, t, words, meetings, meeting_t,
                 counters,

@@ -34,10 +34,25 @@ from tracer.scene.arrays import (
     Views,
 )
 
-__all__ = ["pass_planes", "pass_views", "register_on_face"]
+__all__ = ["near_planes", "pass_planes", "pass_views", "register_on_face"]
 
 CROSSED = int(Event.DETECTOR_CROSSED)
 REGISTERED = int(Event.DETECTOR_REGISTERED)
+
+
+@inline_kernel
+def near_planes(
+    sphere: F64, x: float, y: float, z: float, dx: float, dy: float, dz: float, t: float
+) -> bool:
+    """Whether the box of a segment and that of all virtual planes overlap."""
+    ex, ey, ez = x + t * dx, y + t * dy, z + t * dz
+    below = (x < sphere[4]) & (ex < sphere[4])
+    below |= (y < sphere[5]) & (ey < sphere[5])
+    below |= (z < sphere[6]) & (ez < sphere[6])
+    above = (x > sphere[7]) & (ex > sphere[7])
+    above |= (y > sphere[8]) & (ey > sphere[8])
+    above |= (z > sphere[9]) & (ez > sphere[9])
+    return not (below | above)
 
 
 @inner_kernel

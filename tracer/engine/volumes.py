@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from raymap.events import Event
-from raymap.kernels import inner_kernel
+from raymap.kernels import inline_kernel, inner_kernel
 from tracer.engine.buffers import COLORS
 from tracer.engine.colors import mean_of, pick_channel, recolor
 from tracer.engine.random import advance, uniform
@@ -15,10 +15,28 @@ from tracer.geometry.kinds import F64, I64
 from tracer.optics.phase import sample_phase, scattered_direction
 from tracer.scene.arrays import M_PARTICIPATING
 
-__all__ = ["fly_freely"]
+__all__ = ["fly_freely", "passes_surely"]
 
 _SCATTER = int(Event.VOLUME_SCATTER)
 _ABSORPTION = int(Event.VOLUME_ABSORPTION)
+
+
+@inline_kernel
+def passes_surely(
+    participating: int, medium_f: F64, medium: int, t: float, code: int, n_channels: int,
+    state: np.uint64,
+) -> bool:  # fmt: skip
+    """Whether the next number alone says that the ray flies farther than ``t``, as most do.
+
+    A flight of -log(1 - u) / s is no shorter than u / s. True says what `fly_freely` would do: draw
+    that number and let the ray through.
+    """
+    if participating == 2 and code >= n_channels:
+        return False
+    k = code if code < n_channels else 0
+    extinction = medium_f[medium, n_channels + k] + medium_f[medium, 2 * n_channels + k]
+    surely = uniform(advance(state)) > 1.000000001 * t * extinction
+    return bool(surely and extinction > 0.0)
 
 
 @inner_kernel

@@ -6,7 +6,7 @@ computed again in float64 on the triangle found. What rounding could spoil is de
 - The ray starts a little off the triangle that it leaves, on the side to which it goes; that
   triangle itself never counts as a hit.
 - Where it starts close to an edge, the triangles around are also tried in float64: the start that
-  Embree sees might lie beyond them.
+  Embree sees might lie beyond them. Where triangles fold back over others that reaches farther.
 - A hit nearer than rounding (``near``) counts only if the ray crosses that triangle the other way
   than the one it leaves. For a closed body this holds at every distance: what goes in comes out,
   so media stay consistent at edges.
@@ -22,10 +22,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.kernels import inner_kernel, lean_kernel
+from raymap.kernels import inline_kernel, inner_kernel, lean_kernel, unsigned
 from tracer.geometry.embree import INVALID, RAYHIT_WORDS, intersect
+from tracer.geometry.prefetch import prefetch
 
 __all__ = [
+    "CELL_MARGIN",
+    "EDGE",
+    "FLAT_EDGE",
     "MeshArrays",
     "MeshScratch",
     "mesh_normal",
@@ -47,7 +51,8 @@ class MeshArrays(NamedTuple):
     handle : Embree's scene
     center : (3,) point that Embree sees as origin
     radius : of the sphere about ``center`` that holds all triangles
-    corners : (n_triangles, 9) the three corners x, y, z of each triangle, local
+    corners : (n_triangles, 10) the three corners x, y, z of each triangle, local; offsets from an
+        edge within which the triangles around are tried
     triangles : (n_triangles, 3) numbers of the corners
     face : (n_triangles,) named face of the mesh to which each triangle belongs
     first_around : (n_vertices + 1,) triangles that share vertex v are
@@ -59,6 +64,8 @@ class MeshArrays(NamedTuple):
     closed : (n_objects,) 1 where the mesh bounds a volume
     first_corner : (n_objects,) row of ``corner_normals`` of primitive 0, -1 without smooth normals
     corner_normals : (n, 9) unit normals at the corners of each triangle, local
+    box : (9,) lowest and highest corner of the box that holds all triangles, cells per length
+    occupied : (n_x, n_y, n_z) 1 for the cells of the box that triangles may reach into
     """
 
     handle: int
@@ -75,13 +82,21 @@ class MeshArrays(NamedTuple):
     closed: I64
     first_corner: I64
     corner_normals: F64
+    box: F64
+    occupied: NDArray[np.uint8]
 
 
 _OFFSET = 5e-7  # of the scene's radius: above float32 rounding of start and corners
-_EDGE = 64.0  # offsets from an edge within which neighbours are tried
 _NEAR = 1e-10  # of the scene's radius: above float64 rounding of a start on a triangle
 _INSIDE = 1e-10  # tolerance of barycentric coordinates
 _TRIES = 32
+EDGE, FLAT_EDGE = 64.0, 8.0
+"""Offsets from an edge within which neighbours are tried: where the mesh folds, and elsewhere."""
+
+CELL_MARGIN = 4.0 * _OFFSET
+"""Of the scene's radius: how far rays seen by Embree may be off, and more."""
+_FEW_CELLS = 8
+_TINY = 1e-30
 _BLOCK = 128
 
 
@@ -103,7 +118,7 @@ class MeshScratch(NamedTuple):
     best_rows: I64
     hit_body: I64
     hit_row: I64
-    copies: F64
+    chosen: I64
 
 
 def mesh_scratch() -> MeshScratch:
@@ -123,7 +138,7 @@ def mesh_scratch() -> MeshScratch:
         best_rows=np.zeros(_BLOCK, np.int64),
         hit_body=np.zeros(_BLOCK, np.int64),
         hit_row=np.zeros(_BLOCK, np.int64),
-        copies=np.zeros((_BLOCK, 9)),
+        chosen=np.zeros(_BLOCK, np.int64),
     )
 
 
@@ -273,19 +288,16 @@ def _nearest_around(
 @inner_kernel
 def _decide(
     corners: F64, triangles: I32, first_around: I64, around: I32, to_local: F64, placed: int,
-    closed: int, first: F64, k: int, found: int, row: int, own: int, own_row: int, way: float,
+    closed: int, found: int, row: int, own: int, own_row: int, way: float,
     near: float,
     ox: float, oy: float, oz: float, dx: float, dy: float, dz: float,
 ) -> tuple[bool, float, int, float, float, float]:  # fmt: skip
-    """Hit in float64 on the triangle that Embree found: accepted, distance, row and point.
-
-    The corners of triangle ``row`` stand in row ``k`` of ``first``.
-    """
+    """Hit in float64 on the triangle that Embree found: accepted, distance, row and point."""
     lx, ly, lz, ex, ey, ez = ox, oy, oz, dx, dy, dz
     if placed != 0:
         lx, ly, lz = _point_to_local(to_local, found, ox, oy, oz)
         ex, ey, ez = _vector_to_local(to_local, found, dx, dy, dz)
-    hit, u, v, crossing = _meet(first, k, lx, ly, lz, ex, ey, ez)
+    hit, u, v, crossing = _meet(corners, row, lx, ly, lz, ex, ey, ez)
     x, y, z = ox + hit * dx, oy + hit * dy, oz + hit * dz
     if not _inside(u, v):
         # Beside it: take the neighbour that is crossed in the same sense, or the rim
@@ -312,6 +324,53 @@ def _decide(
     else:
         accepted = hit > 0.0
     return accepted, max(hit, 0.0), row, x, y, z
+
+
+@inner_kernel
+def _clip_to_box(
+    rays: F64, t: F64, base: int, size: int, box: F64, slack: float, enter: F64, leave: F64
+) -> None:
+    """Where rays enter and leave the box; they miss it where they enter behind where they leave."""
+    for k in range(size):
+        enter[k] = 0.0
+        leave[k] = t[base + k] + slack
+    for axis in range(3):
+        low, high = box[axis], box[3 + axis]
+        for k in range(size):
+            origin, way = rays[axis, base + k], rays[3 + axis, base + k]
+            per = 1.0 / (way if abs(way) > _TINY else _TINY)
+            a, b = (low - origin) * per, (high - origin) * per
+            near, far = (a if a < b else b), (b if a < b else a)
+            enter[k] = near if near > enter[k] else enter[k]
+            leave[k] = far if far < leave[k] else leave[k]
+
+
+@inline_kernel
+def _may_meet(
+    rays: F64, i: int, enter: float, leave: float, box: F64, occupied: NDArray[np.uint8]
+) -> bool:
+    """Whether a stretch of a ray comes through an occupied cell, or through too many to look."""
+    ax, bx = _cells(rays[0, i], rays[3, i], enter, leave, box[0], box[6], occupied.shape[0])
+    ay, by = _cells(rays[1, i], rays[4, i], enter, leave, box[1], box[7], occupied.shape[1])
+    az, bz = _cells(rays[2, i], rays[5, i], enter, leave, box[2], box[8], occupied.shape[2])
+    if (bx - ax) * (by - ay) * (bz - az) > _FEW_CELLS:
+        return True
+    for p in range(ax, bx):
+        for q in range(ay, by):
+            for s in range(az, bz):
+                if occupied[unsigned(p), unsigned(q), unsigned(s)] != 0:
+                    return True
+    return False
+
+
+@inline_kernel
+def _cells(
+    origin: float, way: float, enter: float, leave: float, low: float, per: float, count: int
+) -> tuple[int, int]:
+    """First cell along an axis that a stretch of a ray touches, and the one after the last."""
+    a, b = (origin + enter * way - low) * per, (origin + leave * way - low) * per
+    first, last = (a, b) if a < b else (b, a)
+    return max(0, min(count - 1, int(first))), max(0, min(count - 1, int(last))) + 1
 
 
 @lean_kernel
@@ -344,24 +403,30 @@ def nearest_on_meshes(
     words, bits, address = scratch.words, scratch.bits, np.uintp(scratch.address)
     shifted, begin, ways, bests = scratch.shifted, scratch.begin, scratch.ways, scratch.bests
     own_rows, best_rows = scratch.own_rows, scratch.best_rows
-    hit_body, hit_row, copies = scratch.hit_body, scratch.hit_row, scratch.copies
+    hit_body, hit_row = scratch.hit_body, scratch.hit_row
     scene = np.uintp(m.handle)
     radius = m.radius
     offset = _OFFSET * radius
     near = _NEAR * radius
     cx, cy, cz = m.center[0], m.center[1], m.center[2]
+    box, occupied, chosen = m.box, m.occupied, scratch.chosen
     for base in range(0, n, _BLOCK):
         size = min(_BLOCK, n - base)
-        # Collect the triangles that the rays leave
+        # Choose the rays that come near a triangle
+        _clip_to_box(rays, t, base, size, box, CELL_MARGIN * radius, begin, ways)
+        count = 0
         for k in range(size):
-            own = own_body[base + k]
-            own_rows[k] = -1
-            if own >= 0:
-                own_rows[k] = first_triangle[own] + own_primitive[base + k]
-                for j in range(9):
-                    copies[k, j] = corners[own_rows[k], j]
-        for k in range(size):
-            i = base + k
+            if begin[k] <= ways[k] and _may_meet(rays, base + k, begin[k], ways[k], box, occupied):
+                i = base + k
+                chosen[count] = i
+                own = own_body[i]
+                own_rows[count] = -1
+                if own >= 0:
+                    own_rows[count] = first_triangle[own] + own_primitive[i]
+                    prefetch(corners, own_rows[count])
+                count += 1
+        for k in range(count):
+            i = chosen[k]
             ox, oy, oz = rays[0, i], rays[1, i], rays[2, i]
             dx, dy, dz = rays[3, i], rays[4, i], rays[5, i]
             # Clip the ray to the sphere around all triangles, so that distant starts stay precise
@@ -382,7 +447,7 @@ def nearest_on_meshes(
             # Step off the triangle that the ray leaves; near its edges try the triangles around
             own = own_body[i]
             if own >= 0:
-                nx, ny, nz = _cross_edges(copies, k)
+                nx, ny, nz = _cross_edges(corners, own_rows[k])
                 lx, ly, lz, ex, ey, ez = ox, oy, oz, dx, dy, dz
                 if placed[own] != 0:
                     nx, ny, nz = _normal_to_world(to_local, own, nx, ny, nz)
@@ -392,7 +457,9 @@ def nearest_on_meshes(
                 ways[k] = way
                 side = math.copysign(offset, way) / math.sqrt(nx * nx + ny * ny + nz * nz)
                 sx, sy, sz = sx + side * nx, sy + side * ny, sz + side * nz
-                if _close_to_edge(copies, k, lx, ly, lz, _EDGE * offset):
+                if _close_to_edge(
+                    corners, own_rows[k], lx, ly, lz, offset * corners[own_rows[k], 9]
+                ):
                     least = math.inf if closed[own] != 0 else near
                     hit, row = _nearest_around(
                         corners, triangles, first_around, around, own_rows[k], near, least,
@@ -404,8 +471,8 @@ def nearest_on_meshes(
             shifted[1, k] = sy + start * dy
             shifted[2, k] = sz + start * dz
         # Ask Embree
-        for k in range(size):
-            i = base + k
+        for k in range(count):
+            i = chosen[k]
             hit_body[k] = -1
             if begin[k] == math.inf:
                 continue
@@ -420,14 +487,10 @@ def nearest_on_meshes(
                 number = bits[19] if bits[19] != INVALID else bits[18]
                 hit_body[k] = np.int64(number)
                 hit_row[k] = first_triangle[hit_body[k]] + np.int64(bits[17])
-        # Collect the triangles found
-        for k in range(size):
-            if hit_body[k] >= 0:
-                for j in range(9):
-                    copies[k, j] = corners[hit_row[k], j]
+                prefetch(corners, hit_row[k])
         # Decide in float64; look further along the few rays whose hit is not accepted
-        for k in range(size):
-            i = base + k
+        for k in range(count):
+            i = chosen[k]
             if begin[k] == math.inf:
                 continue
             best, best_row, best_body = bests[k], best_rows[k], own_body[i]
@@ -440,7 +503,7 @@ def nearest_on_meshes(
                 own = own_body[i]
                 accepted, hit, row, qx, qy, qz = _decide(
                     corners, triangles, first_around, around, to_local, placed[found],
-                    closed[found], copies, k, found, row, own, own_rows[k], ways[k], near,
+                    closed[found], found, row, own, own_rows[k], ways[k], near,
                     ox, oy, oz, dx, dy, dz,
                 )  # fmt: skip
                 if accepted:
@@ -469,8 +532,6 @@ def nearest_on_meshes(
                     number = bits[19] if bits[19] != INVALID else bits[18]
                     found = int(np.int64(number))
                     row = int(first_triangle[found] + np.int64(bits[17]))
-                    for j in range(9):
-                        copies[k, j] = corners[row, j]
             if best_row >= 0:
                 t[i] = best
                 body[i] = best_body

@@ -11,7 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 from raymap.errors import SceneError
 from tracer.geometry.embree import EmbreeScene
 from tracer.geometry.mesh import TriangleMesh, triangles_around
-from tracer.geometry.mesh_hits import MeshArrays, mesh_scratch, nearest_on_meshes
+from tracer.geometry.mesh_cells import MeshCells, find_cells
+from tracer.geometry.mesh_hits import (
+    CELL_MARGIN,
+    EDGE,
+    FLAT_EDGE,
+    MeshArrays,
+    mesh_scratch,
+    nearest_on_meshes,
+)
 
 __all__ = ["MeshScene", "Placement", "count_crossing_edges"]
 
@@ -91,14 +99,18 @@ class MeshScene:
 
     def _build(self, part_of: list[int], matrices: list[NDArray[np.float64] | None]) -> MeshArrays:
         """Fill Embree's scene, relative to a common centre, and the arrays."""
-        low, high = np.full(3, np.inf), np.full(3, -np.inf)
+        lows, highs = [], []
         for part, matrix in zip(part_of, matrices, strict=True):
             points = self._parts[part].vertices
             if matrix is not None:
                 points = points @ matrix[:, :3].T + matrix[:, 3]
-            low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
-        center = 0.5 * (low + high)
-        radius = float(0.5 * np.linalg.norm(high - low))
+            corners = points[self._parts[part].triangles]
+            lows.append(corners.min(axis=1))
+            highs.append(corners.max(axis=1))
+        low, high = np.concatenate(lows), np.concatenate(highs)
+        center = 0.5 * (low.min(axis=0) + high.max(axis=0))
+        radius = float(0.5 * np.linalg.norm(high.max(axis=0) - low.min(axis=0)))
+        cells = find_cells(low, high, CELL_MARGIN * radius)
         prototypes: dict[int, tuple[int, NDArray[np.float64]]] = {}
         to_local = np.tile(np.eye(3, 4), (len(part_of), 1, 1))
         for number, (part, matrix) in enumerate(zip(part_of, matrices, strict=True)):
@@ -117,7 +129,7 @@ class MeshScene:
             inverse = np.linalg.inv(matrix[:, :3])
             to_local[number] = np.column_stack((inverse, -inverse @ matrix[:, 3]))
         self._embree.commit()
-        return self._gather(part_of, matrices, to_local, center, radius)
+        return self._gather(part_of, matrices, to_local, center, radius, cells)
 
     def _gather(
         self,
@@ -126,6 +138,7 @@ class MeshScene:
         to_local: NDArray[np.float64],
         center: NDArray[np.float64],
         radius: float,
+        cells: MeshCells,
     ) -> MeshArrays:
         first_vertex = np.cumsum([0] + [len(part.vertices) for part in self._parts])
         vertices = np.concatenate([part.vertices for part in self._parts])
@@ -137,6 +150,8 @@ class MeshScene:
         ).astype(np.int32)
         first_around, around = triangles_around(len(vertices), triangles)
         corners = np.ascontiguousarray(vertices[triangles].reshape(-1, 9))
+        folded = _folded(corners, triangles, first_around, around)
+        corners = np.column_stack((corners, np.where(folded, EDGE, FLAT_EDGE)))
         # Corner normals of the smooth parts, one after the other
         smooth: list[NDArray[np.float64]] = []
         first_corner: list[int] = []
@@ -161,7 +176,28 @@ class MeshScene:
             closed=np.array([self._parts[part].closed for part in part_of], np.int64),
             first_corner=np.array([first_corner[part] for part in part_of], np.int64),
             corner_normals=np.concatenate(smooth) if smooth else np.zeros((0, 9)),
+            box=cells.box,
+            occupied=cells.occupied,
         )
+
+
+def _folded(
+    corners: NDArray[np.float64],
+    triangles: NDArray[np.int32],
+    first_around: NDArray[np.int64],
+    around: NDArray[np.int32],
+) -> NDArray[np.bool_]:
+    """(n_triangles,) whether some triangle at a corner may be turned by more than 60 degrees."""
+    points = corners.reshape(-1, 3, 3)
+    normals = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    # Those within 30 degrees of their mean are within 60 degrees of each other
+    starts, gathered = first_around[:-1], normals[around]
+    mean = np.add.reduceat(gathered, starts)
+    cosines = np.einsum("ij,ij->i", gathered, np.repeat(mean, np.diff(first_around), axis=0))
+    least = np.minimum.reduceat(cosines, starts)
+    sharp = least <= 0.8660255 * np.linalg.norm(mean, axis=1)
+    return np.asarray(sharp[triangles].any(axis=1))
 
 
 def _matrix(placement: Placement) -> NDArray[np.float64]:

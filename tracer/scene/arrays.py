@@ -155,7 +155,8 @@ class CompiledScene(NamedTuple):
         surfaces absorb, are bare or of constant reflectance, or Lambertian
 
     The compiler leaves out what None says is not needed: simple scenes start sooner.
-    sphere : center and radius of the bounding sphere
+    sphere : center and radius of the bounding sphere 0-3, then the corners of the box around all
+        virtual detectors, the lowest 4-6, the highest 7-9
     limits : most points of a ray, medium of the world, whether any detector is virtual
     rare : settings of the weighted mode; None in the analog one, where the compiler leaves it out
     contacts : flat faces that lie on one another; None where there are none

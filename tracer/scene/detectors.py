@@ -15,6 +15,7 @@ from tracer.geometry.mesh import TriangleMesh
 from tracer.geometry.shapes import Rectangle
 from tracer.scene.arrays import (
     CAMERA,
+    D_VIRTUAL,
     FAR_FIELD,
     NO_VIEW,
     TRIANGLE_MAP,
@@ -43,6 +44,14 @@ class CompiledDetectors:
     numbers: Array
     views: Views | None
     virtual: bool
+
+    def box(self, margin: float) -> Array:
+        """(6,) lowest and highest corner of the box around all virtual planes, enlarged."""
+        low, high = np.full(3, np.inf), np.full(3, -np.inf)
+        for row in self.numbers[self.integers[:, D_VIRTUAL] != 0]:
+            reach = 0.5 * (row[12] * np.abs(row[3:6]) + row[13] * np.abs(row[6:9]))
+            low, high = np.minimum(low, row[0:3] - reach), np.maximum(high, row[0:3] + reach)
+        return np.concatenate((low - margin, high + margin))
 
 
 class DetectorTable:
