@@ -1,6 +1,6 @@
 """Which bodies a ray is in beyond a face, also where faces of several bodies coincide.
 
-At a place where flat faces lie on one another light meets one interface. A sheet counts before
+At a place where faces lie on one another light meets one interface. A sheet counts before
 solids (paint on glass); of solids the one of higher priority gives name and surface, of equal ones
 the one that the scene names first. The ray leaves and enters all of them at once.
 """
@@ -11,7 +11,8 @@ import numpy as np
 
 from raymap.kernels import inline_kernel, inner_kernel
 from tracer.engine.nests import enter_body, leave_body
-from tracer.geometry.kinds import ANNULUS, F64, I64, RECTANGLE
+from tracer.geometry.kinds import ANNULUS, CONE, CONIC, CYLINDER, F64, I64, RECTANGLE, SPHERE
+from tracer.geometry.normals import face_normal
 from tracer.scene.arrays import B_PRIORITY, F_INSIDE, F_KIND, F_OUTSIDE, Contacts
 
 __all__ = ["cross_face", "scene_touches"]
@@ -61,6 +62,7 @@ def _cross_all(
     """Cross a face and all that coincide with it at a place: leave bodies first, then enter."""
     first, last = contacts.first[face], contacts.first[face + 1]
     counting, beyond = face, nest
+    nx, ny, nz = face_normal(face_i[face, F_KIND], face_f, face, x, y, z)
     for entering in range(2):
         for k in range(first - 1, last):
             other = face if k < first else int(contacts.face[k])
@@ -68,10 +70,8 @@ def _cross_all(
             if k >= first:
                 if not _covers(face_i, face_f, pool, other, x, y, z):
                     continue
-                along = 0.0
-                for axis in range(3, 6):
-                    along += face_f[face, axis] * face_f[other, axis]
-                turned = cosine if along > 0.0 else -cosine
+                ox, oy, oz = face_normal(face_i[other, F_KIND], face_f, other, x, y, z)
+                turned = cosine if nx * ox + ny * oy + nz * oz > 0.0 else -cosine
             if (turned < 0.0) != (entering == 1):
                 continue
             if _counts_before(face_i, body_i, other, counting):
@@ -98,10 +98,22 @@ def _counts_before(face_i: I64, body_i: I64, a: int, b: int) -> bool:
 def _covers(
     face_i: I64, face_f: F64, pool: F64 | None, face: int, x: float, y: float, z: float
 ) -> bool:
-    """Whether a place in the plane of a flat face lies on the face."""
+    """Whether a place on the surface that a face is part of lies on the face."""
     s = face_f[face]
     px, py, pz = x - s[0], y - s[1], z - s[2]
     kind = face_i[face, F_KIND]
+    if kind >= SPHERE:
+        height = px * s[3] + py * s[4] + pz * s[5]
+        if kind == SPHERE:
+            return bool(height <= s[7])
+        if kind == CYLINDER:
+            return bool(s[7] <= height <= s[8])
+        if kind == CONE:
+            return bool(s[8] <= height <= s[9])
+        across = px * px + py * py + pz * pz - height * height
+        if kind == CONIC and (across < s[10] or s[6] * s[7] * height >= 1.0):
+            return False
+        return bool(across <= s[8])
     if kind == RECTANGLE:
         u = abs(px * s[6] + py * s[7] + pz * s[8])
         v = abs(px * s[9] + py * s[10] + pz * s[11])

@@ -91,6 +91,9 @@ ENDING = int(
 
 _TOUCHING = 1e-9
 """Share of the scene's radius below which a meeting from the wrong side is rounding at an edge."""
+_OFF = 1e-13
+"""Share of the scene's radius that takes a ray off a face: more than rounding, far below the above,
+so that it counts as rounding at all but grazing incidence."""
 
 
 @lean_kernel
@@ -187,7 +190,7 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
     meetings, meeting_t, colors, counters = b.meetings, b.meeting_t, b.colors, b.counters
     n_channels = colors.shape[1]
     volume_key = 2 * len(face_i) + len(scene.source_i)
-    tiny = _TOUCHING * sphere[3]
+    tiny, off = _TOUCHING * sphere[3], _OFF * sphere[3]
     meshed = len(live_f) > MESH_POINT
     kept = number(0)
     r = counters[RECORDS]
@@ -272,7 +275,7 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
                 # Rounding at an edge: the ray is on the right side already; get it off the face
                 ignored = True
                 counters[IGNORED] += 1
-                x, y, z = x + tiny * dx, y + tiny * dy, z + tiny * dz
+                x, y, z = x + off * dx, y + off * dy, z + off * dz
             elif beyond >= 0 and top_body(beyond) == top_body(nest) and face_i[met, F_INSIDE] >= 0:
                 ignored = True
                 nest = beyond

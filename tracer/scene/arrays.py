@@ -159,7 +159,7 @@ class CompiledScene(NamedTuple):
         virtual detectors, the lowest 4-6, the highest 7-9
     limits : most points of a ray, medium of the world, whether any detector is virtual
     rare : settings of the weighted mode; None in the analog one, where the compiler leaves it out
-    contacts : flat faces that lie on one another; None where there are none
+    contacts : faces that lie on one another; None where there are none
     light_pool, light_rays : tables of sources (`tracer.scene.light_pool`); None where all are plain
     views : detectors that are no planes; None where there are none
     """

@@ -48,6 +48,7 @@ from tracer.scene.rare_light import compile_rare_light
 from tracer.scene.resolve import resolve_bodies
 from tracer.scene.sources import CompiledSources, SourceTable
 from tracer.scene.surfaces import SurfaceTable
+from tracer.scene.touching import FlatFace, warn_of_touching
 
 __all__ = ["Compilation", "compile_scene", "resolve_bodies"]
 
@@ -134,6 +135,10 @@ class _Compiler:
             [p.inside >= 0 for p in faces.primitives],
             radius,
         )
+        if faces.placed:
+            names = [item.name for item in faces.objects]
+            flats = [FlatFace(names[p.object], p.shape) for p in faces.primitives]
+            warn_of_touching(faces.placed, flats, faces.solids, radius, scene.origin)
         if contacts is not None:
             plain[np.diff(contacts.first) > 0] = 0
         arrays = CompiledScene(

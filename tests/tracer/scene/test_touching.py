@@ -1,0 +1,153 @@
+"""Meshes that touch flat faces or one another are warned about; those that keep apart are not."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.tracer.engine.tracing import compiled
+from tracer.scene.compile import compile_scene
+from tracer.scene.load import load_scene, parse_scene
+from tracer.scene.touching import TouchingFaces, find_touching
+
+trimesh = pytest.importorskip("trimesh")
+
+SAMPLES = Path(__file__).parents[3] / "samples"
+
+SCENE = """
+length_unit = "mm"
+[media.g]
+index = 1.5
+[surfaces.white]
+kind = "lambertian"
+reflectance = 0.5
+[bodies.block]
+kind = "mesh"
+file = "block.stl"
+scale = 1
+medium = "g"
+{other}
+[sources.s]
+kind = "point"
+position = [0, 0, 9]
+"""
+
+BOX = """
+[bodies.{name}]
+kind = "box"
+size = [2, 2, 2]
+position = [{place}]
+medium = "g"
+"""
+MESH = """
+[bodies.second]
+kind = "mesh"
+file = "{file}"
+scale = 1
+medium = "g"
+position = [{place}]
+"""
+
+TOUCHING = {
+    "a box on top": (BOX.format(name="box", place="0.5, 0.3, 2"), "box", 2),
+    "a box beside": (BOX.format(name="box", place="2, 0, 0"), "box", 2),
+    "a small disc within a triangle": (
+        '[bodies.spot]\nkind = "disc"\nouter = 0.05\nposition = [0.4, -0.5, 1]\n'
+        'surface = "white"\n',
+        "spot",
+        1,
+    ),
+    "a table under it": (
+        '[bodies.table]\nkind = "rectangle"\nsize = [9, 9]\nposition = [0, 0, -1]\n'
+        'surface = "white"\n',
+        "table",
+        2,
+    ),
+    "a mesh on top": (MESH.format(file="block.stl", place="0.9, 0.9, 2"), "second", 2),
+    "a mesh of fine triangles": (MESH.format(file="fine.stl", place="0.2, 0, 2"), "second", 2),
+}
+APART = {
+    "a box a micrometre above": BOX.format(name="box", place="0, 0, 2.001"),
+    "a box that overlaps by a micrometre": BOX.format(name="box", place="0, 0, 1.999"),
+    "a box in the same planes": BOX.format(name="box", place="3, 0, 0"),
+    "a mesh above": MESH.format(file="fine.stl", place="0, 0, 2.001"),
+    "a mesh inside": MESH.format(file="small.stl", place="0, 0, 0"),
+}
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path) -> Path:
+    box = trimesh.creation.box(extents=[2, 2, 2])
+    box.export(tmp_path / "block.stl")
+    box.subdivide().subdivide().subdivide().export(tmp_path / "fine.stl")
+    trimesh.creation.box(extents=[1, 1, 1]).export(tmp_path / "small.stl")
+    return tmp_path
+
+
+@pytest.mark.parametrize("case", TOUCHING)
+def test_touching_bodies_are_named_with_the_remedy(case: str, folder: Path) -> None:
+    other, name, count = TOUCHING[case]
+    with pytest.warns(TouchingFaces, match="overlap by a micrometre") as caught:
+        compile_scene(parse_scene(SCENE.format(other=other), folder=folder))
+    (message,) = [str(item.message) for item in caught]
+    assert f"bodies 'block' and {name!r} touch along {count} triangle" in message
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize("case", APART)
+def test_bodies_apart_are_left_alone(case: str, folder: Path) -> None:
+    compile_scene(parse_scene(SCENE.format(other=APART[case]), folder=folder))
+
+
+def test_a_turned_contact_is_found_too(folder: Path) -> None:
+    text = SCENE.format(other=MESH.format(file="fine.stl", place="0, 0, 0"))
+    text = text.replace('file = "block.stl"', 'file = "block.stl"\nrotation = [30, 40, 50]')
+    up = _rotation(30, 40, 50)[:, 2] * 2.0
+    text = text.replace(
+        "position = [0, 0, 0]", f"position = {up.tolist()}\nrotation = [30, 40, 50]"
+    )
+    with pytest.warns(TouchingFaces, match="touch along 2 triangles"):
+        compile_scene(parse_scene(text, folder=folder))
+
+
+def _rotation(x: float, y: float, z: float) -> np.ndarray:
+    from tracer.scene.fields import Placed
+
+    return Placed(rotation=(x, y, z)).frame()[1]
+
+
+def test_the_samples_do_not_touch() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for name in ("keyboard/keyboard.toml", "led_lens/led_lens.toml"):
+            compile_scene(load_scene(SAMPLES / name))
+
+
+def test_large_meshes_are_compared_in_a_moment() -> None:
+    from tracer.geometry.mesh import TriangleMesh
+
+    balls = {}
+    for name, shift in (("a", 0.0), ("b", 2.0 * 0.999)):
+        ball = trimesh.creation.icosphere(subdivisions=6)
+        balls[name] = TriangleMesh(
+            name=name,
+            vertices=np.asarray(ball.vertices) + np.array([shift, 0.0, 0.0]),
+            triangles=np.asarray(ball.faces, np.int32),
+            face=np.zeros(len(ball.faces), np.int32),
+            face_names=("all",),
+        )
+    began = time.process_time()
+    assert find_touching(balls, [], ["a", "b"], 3.0) == []
+    twin = {"a": balls["a"], "c": balls["a"]}
+    assert find_touching(twin, [], ["a", "c"], 3.0) == [("a", "c", len(balls["a"].triangles))]
+    assert time.process_time() - began < 20.0
+
+
+def test_analytic_faces_need_no_warning() -> None:
+    two = BOX.format(name="one", place="0, 0, 0") + BOX.format(name="two", place="0, 0, 2")
+    lamp = '[sources.s]\nkind = "point"\nposition = [0, 0, 9]\n'
+    assert compiled("[media.g]\nindex = 1.5\n" + two + lamp).arrays.contacts is not None
