@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import threading
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,8 @@ from raymap.locking import try_lock
 __all__ = ["ChunkAppender"]
 
 _VECTORS = 512
+_BEHIND = 2**25
+"""Bytes that are written before the disk is asked to take them, so that the end waits for few."""
 
 
 class ChunkAppender:
@@ -30,6 +33,8 @@ class ChunkAppender:
         self.path = path
         self._descriptor = descriptor
         self.end = end
+        self._asked = end
+        self._syncing: threading.Thread | None = None
 
     @staticmethod
     def create(path: Path, *, force: bool = False) -> ChunkAppender:
@@ -102,7 +107,18 @@ class ChunkAppender:
                 f"{self.path} cannot be continued ({_reason(error)}); the {offset} bytes before "
                 "are sound: make room and go on with --append"
             ) from None
+        if self.end - self._asked > _BEHIND and not self._busy():
+            self._asked = self.end
+            self._syncing = threading.Thread(target=self._flush, name="sync", daemon=True)
+            self._syncing.start()
         return offset
+
+    def _busy(self) -> bool:
+        return self._syncing is not None and self._syncing.is_alive()
+
+    def _flush(self) -> None:
+        with contextlib.suppress(OSError):
+            getattr(os, "fdatasync", os.fsync)(self._descriptor)
 
     def cut(self, end: int) -> None:
         """Drop what lies behind ``end``."""
@@ -117,6 +133,8 @@ class ChunkAppender:
     def close(self) -> None:
         """Close the file, which frees the lock."""
         if self._descriptor >= 0:
+            if self._syncing is not None:
+                self._syncing.join()
             os.close(self._descriptor)
             self._descriptor = -1
 

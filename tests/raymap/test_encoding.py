@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import os
+import time
 
 import numpy as np
 import pytest
@@ -182,3 +184,29 @@ def test_memory_of_written_portions_is_used_again():
     assert waiting.lent[0] is not memory
     first.release()
     assert encoder.encode(portion_at(0), 2, 1).lent[0] is memory
+
+
+def test_the_disk_takes_bytes_while_more_are_written(tmp_path, monkeypatch):
+    """What is asked of the disk early is asked while nothing waits, and is over at the end."""
+    from raymap import appender
+
+    monkeypatch.setattr(appender, "_BEHIND", 1000)
+    asked = []
+    flush = appender.ChunkAppender._flush
+
+    def slow(self):
+        time.sleep(0.01)
+        os.fstat(self._descriptor)
+        flush(self)
+        asked.append(self.end)
+
+    monkeypatch.setattr(appender.ChunkAppender, "_flush", slow)
+    portions = [portion_at(100 * k, seed=k) for k in range(8)]
+    with raymap.RayMapWriter.create(tmp_path / "a.raymap", small_directory()) as writer:
+        writer.add_channel_set(RGB)
+        for portion in portions:
+            writer.append(portion)
+    assert asked
+    with raymap.open(tmp_path / "a.raymap") as ray_map:
+        for portion, stored in zip(portions, ray_map.portions, strict=True):
+            assert_same_portion(portion, stored.read())
