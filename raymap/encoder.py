@@ -381,13 +381,20 @@ def add_itineraries(streams: StreamSet, rays: Itineraries) -> None:
     """Store the columns of which paths are made."""
     streams.add("path.source", rays.source, Scope.PATH)
     streams.add("path.length", _compact(np.diff(rays.offsets)), Scope.PATH)
-    streams.add("path.object", rays.object, Scope.POINT)
-    streams.add("path.face", rays.face, Scope.POINT)
+    streams.add("path.object", _narrow(rays.object), Scope.POINT)
+    streams.add("path.face", _narrow(rays.face), Scope.POINT)
     streams.add("path.event", rays.event, Scope.POINT)
-    streams.add("path.medium", rays.medium, Scope.POINT)
+    streams.add("path.medium", _narrow(rays.medium), Scope.POINT)
     streams.add("path.meetings", np.diff(rays.meeting_offsets).astype(np.uint16), Scope.POINT)
     streams.add("path.detector", rays.detector, Scope.MEETING)
     streams.add("path.registered", rays.registered, Scope.MEETING)
+
+
+def _narrow(numbers: NDArray[Any]) -> NDArray[Any]:
+    """As bytes where these hold the numbers: high bytes of -1 would be planes of their own."""
+    if len(numbers) and int(numbers.min()) >= -(2**7) and int(numbers.max()) < 2**7:
+        return numbers.astype(np.int8)
+    return numbers
 
 
 def _compact(counts: NDArray[Any]) -> NDArray[Any]:
