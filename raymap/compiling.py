@@ -117,13 +117,18 @@ def compile_ahead(tasks: Sequence[Task], *, processes: int) -> None:
         return
     folder = Path(kept)
     left = [item for item in tasks if not (folder / item.mark).exists()]
-    if len(left) > 1 and min(processes, os.cpu_count() or 1) > 1:
+    if len(left) > 1 and min(processes, os.cpu_count() or 1) > 1 and _is_python():
         with tempfile.TemporaryDirectory() as claims:
             _share(left, claims)
     for item in left:
         item.compile()
         with suppress(OSError):
             (folder / item.mark).touch()
+
+
+def _is_python() -> bool:
+    """Whether this is Python itself, of which another process can be started."""
+    return Path(sys.executable or "").stem.lower().startswith(("python", "pypy"))
 
 
 def _share(tasks: Sequence[Task], claims: str) -> None:
