@@ -37,7 +37,7 @@ from raymap.portion import Portion
 from raymap.portionmeta import DESCRIPTOR_STREAMS, Encoding, PortionMeta
 from raymap.schema import COLOR_SCALE
 from raymap.scratch import BufferPool, scratch
-from raymap.shapes import RayShapes, ShapeTable, compile_shapes, shape_codes
+from raymap.shapes import LEFT_SCENE, RayShapes, ShapeTable, compile_shapes, shape_codes
 from raymap.streams import Scope, StreamSet
 
 __all__ = ["EncodedPortion", "PortionEncoder"]
@@ -184,7 +184,7 @@ class PortionEncoder:
                 own = planes[4 * axis : 4 * axis + 4]
                 streams.add_planes(f"position.{name}", np.float32, own, Scope.RECORD)
             if portion.implied_normals:
-                return _add_end_normals(streams, portion, rays.offsets, self.faces.first_face)
+                return _add_end_normals(streams, rays)
         if self.raw and not portion.implied_normals:
             return _add_raw_geometry(streams, portion)
         codes = self._shape_codes(rays)
@@ -348,21 +348,18 @@ def _add_normals(
     return int(Encoding.NORMALS)
 
 
-def _add_end_normals(
-    streams: StreamSet,
-    portion: Portion,
-    offsets: NDArray[np.int64],
-    first_face: NDArray[np.int32],
-) -> int:
+def _add_end_normals(streams: StreamSet, rays: _Rays) -> int:
     """Store normals of which only those at the ends of rays are not implied."""
+    portion, table = rays.portion, rays.table
+    first, last = table.offsets[:-1], table.offsets[1:] - 1
+    left = (table.object[last] < 0) & ((table.event[last] & LEFT_SCENE) != 0) & (last > first)
     places = scratch("places", 2 * portion.n_rays, np.int32)
     folded = scratch("folded", 6 * portion.n_rays, np.uint16).reshape(3, -1)
     n = end_residuals(
-        offsets,
-        first_face,
-        portion.object,
-        portion.triangle,
-        portion.event,
+        rays.offsets,
+        rays.path_numbers,
+        table.face[first] < 0,
+        left & (table.face[last] < 0),
         portion.source,
         np.zeros((len(portion.emitted), 3), np.int16),
         portion.position,

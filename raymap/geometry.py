@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from raymap.kernels import inner_kernel, kernel, lean_kernel
 from raymap.schema import NORMAL_SCALE
-from raymap.shapes import EMISSION, LEFT, LEFT_SCENE, MANY, RayShapes, ShapeTable
+from raymap.shapes import EMISSION, LEFT, MANY, RayShapes, ShapeTable
 
 __all__ = [
     "decode_normals",
@@ -410,10 +410,9 @@ def imply_normals(
 @lean_kernel
 def end_residuals(
     record_offsets: NDArray[np.int64],
-    first_face: NDArray[np.int32],
-    objects: NDArray[np.int16],
-    triangles: NDArray[np.int32],
-    events: NDArray[np.int32],
+    numbers: NDArray[np.uint32],
+    emitted: NDArray[np.bool_],
+    left: NDArray[np.bool_],
     sources: NDArray[np.int16],
     emission: NDArray[np.int16],
     position: NDArray[np.float32],
@@ -427,6 +426,8 @@ def end_residuals(
 
     Parameters
     ----------
+    numbers : (n_rays,) path of each ray
+    emitted, left : (n_paths,) whether its first point is on no face, whether its last one has left
     places : (2 n_rays,) out, records with a residual; folded : (3, 2 n_rays) out, their residuals
 
     Returns
@@ -436,14 +437,10 @@ def end_residuals(
     n = np.uint64(0)
     one = np.uint64(1)
     for ray in range(sources.size):
-        first = np.uint64(record_offsets[ray])
-        last = np.uint64(record_offsets[ray + 1] - 1)
-        source = np.uint16(sources[ray])
-        item = objects[first]
-        free = item < 0 or triangles[first] < 0
-        if not free:
-            free = first_face[np.uint16(item)] == first_face[np.uint64(item) + one]
-        if free:
+        path = numbers[ray]
+        if emitted[path]:
+            first = np.uint64(record_offsets[ray])
+            source = np.uint16(sources[ray])
             x = _fold(normal[first, 0], int(emission[source, 0]))
             y = _fold(normal[first, 1], int(emission[source, 1]))
             z = _fold(normal[first, 2], int(emission[source, 2]))
@@ -453,7 +450,8 @@ def end_residuals(
                 n += one
                 for k in range(3):
                     emission[source, k] = normal[first, k]
-        if last > first and objects[last] < 0 and events[last] & LEFT_SCENE:
+        if left[path]:
+            last = np.uint64(record_offsets[ray + 1] - 1)
             px, py, pz = _scaled(
                 np.float64(position[last, 0]) - np.float64(position[last - one, 0]),
                 np.float64(position[last, 1]) - np.float64(position[last - one, 1]),
