@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,6 @@ import pytest
 
 import query
 import raymap
-from raymap.cli import main
 from tests.query.random_maps import write_random_map
 from tests.query.test_damage import position_bytes
 
@@ -23,17 +21,13 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Any:
+def run(run: Any) -> Any:
+    """Output and messages of a command that must end with ``code``."""
+
     def command(*words: str | Path, code: int = 0) -> tuple[str, str]:
-        monkeypatch.setattr(sys, "argv", ["raymap", *(str(word) for word in words)])
-        found = 0
-        try:
-            main()
-        except SystemExit as end:
-            found = int(end.code or 0)
-        out = capsys.readouterr()
-        assert found == code, out.err
-        return out.out, out.err
+        found, out, err = run(*words)
+        assert found == code, err
+        return out, err
 
     return command
 

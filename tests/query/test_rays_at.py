@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,6 @@ import query
 import raymap
 from query.rays_at import rays_at, write_ray_file
 from raymap import rayfiles
-from raymap.cli import main
 from raymap.errors import RayMapError, UnknownName
 from raymap.rayfiles import RaySet
 
@@ -209,23 +207,6 @@ def test_refusals(tmp_path: Path, watt: Path) -> None:
         with pytest.raises(RayMapError, match="ray files end in"):
             write_ray_file(everything, tmp_path / "x.ray", "key")
     assert not list(tmp_path.iterdir())
-
-
-@pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Any:
-    """The command line: exit code, stdout, stderr."""
-
-    def command(*words: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["raymap", *map(str, words)])
-        code = 0
-        try:
-            main()
-        except SystemExit as end:
-            code = int(end.code or 0)
-        out = capsys.readouterr()
-        return code, out.out, out.err
-
-    return command
 
 
 def test_commands(tmp_path: Path, watt: Path, run: Any) -> None:

@@ -12,30 +12,10 @@ import pytest
 import raymap
 from raymap.client import Service
 from service import Limits, RaymapService
+from tests.scenes import MIRROR_BALL
 from tests.viewer.small_map import write_map
 
 TOKEN = "a-token-for-the-tests"
-
-SCENE = """
-length_unit = "mm"
-[surfaces.mirror]
-kind = "mirror"
-reflectance = 0.7
-[bodies.ball]
-kind = "sphere"
-radius = 2
-surface = "mirror"
-[sources.lamp]
-kind = "collimated"
-diameter = 2
-position = [0, 0, -10]
-direction = [0, 0, 1]
-[detectors.screen]
-position = [0, 0, -12]
-looks = [0, 0, 1]
-size = [40, 40]
-cells = [8, 8]
-"""
 
 
 @pytest.fixture(scope="session")
@@ -49,7 +29,7 @@ def folder(tmp_path: Path, served_map: Path) -> Path:
     place = tmp_path / "served"
     place.mkdir()
     (place / "small.raymap").write_bytes(served_map.read_bytes())
-    (place / "scene.toml").write_text(SCENE)
+    (place / "scene.toml").write_text(MIRROR_BALL)
     (tmp_path / "secret.raymap").write_bytes(served_map.read_bytes())
     return place
 

@@ -22,32 +22,13 @@ import raymap
 from raymap.cli import application
 from raymap.cluster import scheduler_executor, worker_count
 from raymap.errors import MapExists, MapLocked, RayMapError, SceneError, SceneMismatch
+from tests.scenes import MIRROR_BALL
 from tracer.recording import Progress, record
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.load import load_scene, parse_scene
 from tracer.shard_tasks import fan, pack, unpack
 from tracer.sharding import record_shards
 
-SCENE = """
-length_unit = "mm"
-[surfaces.mirror]
-kind = "mirror"
-reflectance = 0.7
-[bodies.ball]
-kind = "sphere"
-radius = 2
-surface = "mirror"
-[sources.lamp]
-kind = "collimated"
-diameter = 2
-position = [0, 0, -10]
-direction = [0, 0, 1]
-[detectors.screen]
-position = [0, 0, -12]
-looks = [0, 0, 1]
-size = [40, 40]
-cells = [8, 8]
-"""
 GLASS_AND_SPLITS = """
 [trace]
 mode = "weighted"
@@ -84,7 +65,7 @@ class Here(Executor):
 
 @pytest.fixture(scope="module")
 def scene() -> Compilation:
-    return compile_scene(parse_scene(SCENE))
+    return compile_scene(parse_scene(MIRROR_BALL))
 
 
 @pytest.fixture(scope="module")
@@ -169,7 +150,7 @@ def test_worker_lost_in_the_middle(
 
 
 def test_command_with_a_scheduler(alone: Path, tmp_path: Path, cluster: LocalCluster) -> None:
-    (tmp_path / "scene.toml").write_text(SCENE)
+    (tmp_path / "scene.toml").write_text(MIRROR_BALL)
     command = ["record", str(tmp_path / "scene.toml"), "-o", str(tmp_path / "a"), "--rays",
                str(RAYS), "--scheduler", cluster.scheduler_address, "--json"]  # fmt: skip
     answer = CliRunner().invoke(application(), command)
@@ -227,7 +208,7 @@ def test_continued_folder(scene: Compilation, alone: Path, tmp_path: Path) -> No
         record(scene, tmp_path / "a", rays=10, executor=Here())
     record(scene, tmp_path / "a", rays=1_000, executor=Here(), append=True)
     assert_same(tmp_path / "a", alone)
-    other = compile_scene(parse_scene(SCENE.replace("0.7", "0.8")))
+    other = compile_scene(parse_scene(MIRROR_BALL.replace("0.7", "0.8")))
     with pytest.raises(SceneMismatch):
         record(other, tmp_path / "a", rays=10, executor=Here(), append=True)
 
@@ -316,7 +297,7 @@ def solid(tmp_path: Path) -> Compilation:
     """A scene with a triangle mesh, whose file is gone."""
     trimesh = pytest.importorskip("trimesh")
     trimesh.creation.icosphere(2, 2.0).export(tmp_path / "ball.stl")
-    text = SCENE.replace(
+    text = MIRROR_BALL.replace(
         'kind = "sphere"\nradius = 2\n', 'kind = "mesh"\nfile = "ball.stl"\nscale = 1\n'
     )
     (tmp_path / "scene.toml").write_text(text)
@@ -346,9 +327,9 @@ def test_meshes_are_traced_alike(solid: Compilation, tmp_path: Path) -> None:
 @pytest.fixture
 def weighted() -> Compilation:
     """A scene whose rays split."""
-    split = SCENE.replace("[surfaces.mirror]", GLASS_AND_SPLITS + "[surfaces.mirror]").replace(
-        'surface = "mirror"\n[sources', 'medium = "glass"\nsurface = "glass"\n[sources'
-    )
+    split = MIRROR_BALL.replace(
+        "[surfaces.mirror]", GLASS_AND_SPLITS + "[surfaces.mirror]"
+    ).replace('surface = "mirror"\n[sources', 'medium = "glass"\nsurface = "glass"\n[sources')
     return compile_scene(parse_scene(split))
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,6 @@ import numpy as np
 import pytest
 
 import raymap
-from raymap.cli import main
 from raymap.errors import MapExists, RayMapError
 from viewer.answers import draw_rays
 from viewer.export import METRES
@@ -196,23 +194,6 @@ def test_nothing_selected(small_map: raymap.RayMap, tmp_path: Path, suffix: str)
     written = export_3d(small_map, tmp_path / f"a{suffix}", nothing)
     assert (written["rays"], written["groups"]) == (0, [])
     assert (tmp_path / f"a{suffix}").stat().st_size > 100
-
-
-@pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Any:
-    """The command line: exit code, stdout, stderr."""
-
-    def command(*words: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["raymap", *map(str, words)])
-        code = 0
-        try:
-            main()
-        except SystemExit as end:
-            code = int(end.code or 0)
-        out = capsys.readouterr()
-        return code, out.out, out.err
-
-    return command
 
 
 def test_the_command(map_path: Path, tmp_path: Path, run: Any) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-import sys
 import warnings
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,6 @@ import pytest
 
 import query
 import raymap
-from raymap.cli import main
 from raymap.errors import MapExists, RayMapError
 from raymap.events import Event
 from raymap.foreign.zrd import SEGMENT, ZrdError
@@ -214,23 +212,6 @@ def test_names_that_nothing_has(tmp_path: Path) -> None:
     import_zrd(file, tmp_path / "a.raymap")
     with pytest.raises(MapExists):
         import_zrd(file, tmp_path / "a.raymap")
-
-
-@pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Any:
-    """The command line: exit code, stdout, stderr."""
-
-    def command(*words: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["raymap", *map(str, words)])
-        code = 0
-        try:
-            main()
-        except SystemExit as end:
-            code = int(end.code or 0)
-        out = capsys.readouterr()
-        return code, out.out, out.err
-
-    return command
 
 
 def test_the_command(tmp_path: Path, run: Any) -> None:
