@@ -1,4 +1,4 @@
-"""Media and bodies of crystals from tables of a TOML file; errors name the key.
+"""Crystals from tables of a TOML file; errors name the key.
 
 Lengths in mm, angles in degrees, wavelengths in nm.
 """
@@ -14,18 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from raymap.errors import MissingExtra, SceneError
-from tracer.crystals.bodies import CrystalBody, box, calcite_rhomb, convex_body, mesh_body
+from raymap.errors import SceneError
 from tracer.crystals.media import Crystal, calcite, rotation_between
 
 __all__ = [
-    "BodyModel",
     "MediumModel",
     "Model",
     "Number",
     "Sellmeier",
     "Vector",
-    "bodies_of",
+    "checked",
     "medium_of",
     "parse_toml",
     "read_text",
@@ -66,22 +64,6 @@ class MediumModel(Model):
     absorption: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
 
 
-class BodyModel(Model):
-    """A body: calcite rhomb, box, convex polyhedron or mesh file."""
-
-    name: str
-    medium: str
-    shape: Literal["rhomb", "box", "planes", "mesh"]
-    edge: Number = 30.0
-    base: Vector = (0.0, 0.0, 0.01)
-    turn: Number = 0.0
-    centre: Vector = (0.0, 0.0, 0.0)
-    size: Vector = (10.0, 10.0, 10.0)
-    planes: tuple[tuple[Number, Number, Number, Number], ...] = ()
-    file: str = ""
-    scale: Number = 1.0
-
-
 def medium_of(name: str, model: MediumModel, axis: NDArray[np.float64] | None) -> Crystal:
     """The crystal that a table describes; ``axis`` counts where the table gives no optic axis."""
     where = f"media.{name}"
@@ -109,58 +91,6 @@ def medium_of(name: str, model: MediumModel, axis: NDArray[np.float64] | None) -
     )
 
 
-def _mesh(body: BodyModel, medium: Crystal, folder: Path) -> CrystalBody:
-    try:
-        import trimesh
-    except ImportError as error:
-        raise MissingExtra(
-            f"body {body.name!r} is a mesh file, which needs trimesh: pip install 'raymap[mesh]'"
-        ) from error
-    path = folder / body.file
-    try:
-        mesh: Any = trimesh.load(path, force="mesh")
-        vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-    except (OSError, ValueError, AttributeError) as error:
-        raise SceneError(
-            f"body {body.name!r}: cannot read the mesh {str(path)!r}: {error}"
-        ) from None
-    points = vertices * body.scale + np.asarray(body.base)
-    return mesh_body(body.name, medium, points, faces)
-
-
-def _body(body: BodyModel, media: dict[str, MediumModel], folder: Path) -> CrystalBody:
-    if body.medium not in media:
-        known = ", ".join(sorted(media)) or "none"
-        raise SceneError(
-            f"body {body.name!r}: medium {body.medium!r} is not defined; media: {known}"
-        )
-    model = media[body.medium]
-    if body.shape == "rhomb":
-        return calcite_rhomb(
-            body.name,
-            lambda axis: medium_of(body.medium, model, axis),
-            body.edge,
-            body.base,
-            turn_deg=body.turn,
-        )
-    medium = medium_of(body.medium, model, None)
-    if body.shape == "box":
-        return box(body.name, medium, body.centre, body.size)
-    if body.shape == "planes":
-        return convex_body(body.name, medium, np.array(body.planes, np.float64).reshape(-1, 4))
-    return _mesh(body, medium, folder)
-
-
-def bodies_of(
-    models: tuple[BodyModel, ...], media: dict[str, MediumModel], folder: Path
-) -> tuple[CrystalBody, ...]:
-    """Bodies with their media; file names are relative to ``folder``."""
-    names = [body.name for body in models]
-    if len(set(names)) != len(names):
-        raise SceneError("bodies: two bodies have the same name")
-    return tuple(_body(body, media, folder) for body in models)
-
-
 Description = TypeVar("Description", bound=BaseModel)
 
 
@@ -173,9 +103,15 @@ def parse_toml(kind: type[Description], text: str, source: str) -> Description:
         naming the key that is wrong
     """
     try:
-        return kind.model_validate(tomllib.loads(text))
+        return checked(kind, tomllib.loads(text), source)
     except tomllib.TOMLDecodeError as error:
         raise SceneError(f"{source}: not TOML: {error}") from None
+
+
+def checked(kind: type[Description], tables: Any, source: str) -> Description:
+    """As `parse_toml`, from tables that are read already."""
+    try:
+        return kind.model_validate(tables)
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])

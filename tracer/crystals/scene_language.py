@@ -38,7 +38,14 @@ from tracer.scene.model import RGB_NM, MediumModel, Scene
 if TYPE_CHECKING:
     from tracer.scene.source_model import SourceModel
 
-__all__ = ["CrystalCompilation", "CrystalWavefront", "compile_crystals", "crystal_scene_of"]
+__all__ = [
+    "CrystalCompilation",
+    "CrystalWavefront",
+    "bodies_of",
+    "compile_crystals",
+    "crystal_scene_of",
+    "world_of",
+]
 
 Array = NDArray[np.float64]
 
@@ -97,16 +104,19 @@ def compile_crystals(scene: Scene) -> CrystalCompilation:
 
 def crystal_scene_of(scene: Scene) -> CrystalScene:
     """The scene as the tracer of crystals describes it."""
-    if scene.length_unit != "mm":
-        raise _refused(scene, "length_unit", "scenes with crystals are in mm")
     if scene.spectrum.kind != "spectral":
         raise _refused(
             scene, "spectrum", 'give wavelengths for crystals: kind = "spectral", wavelengths_nm'
         )
     sources = {name: source for name, source in scene.sources.items() if source.on}
     if not sources:
-        raise _refused(scene, "sources", "there is no source that is on; add [sources.NAME]")
-    world = _medium(scene, scene.world.medium, None)
+        raise _refused(
+            scene,
+            "sources",
+            "there is no source that is on: add [sources.NAME]; raymap render draws the scene "
+            "without, by [room] and [camera]",
+        )
+    world = world_of(scene)
     for wavelength in scene.spectrum.channels().tolist():
         if world.row(wavelength)[KIND] != ISOTROPIC:
             raise _refused(
@@ -117,7 +127,7 @@ def crystal_scene_of(scene: Scene) -> CrystalScene:
             )
     return CrystalScene(
         name=scene.title or "crystals",
-        bodies=tuple(_body(scene, name, body) for name, body in scene.bodies.items()),
+        bodies=bodies_of(scene),
         sources=tuple(_pencil(scene, name, source) for name, source in sources.items()),
         detectors=tuple(_plane(scene, name) for name in scene.detectors),
         wavelengths_nm=tuple(float(w) for w in scene.spectrum.channels()),
@@ -126,6 +136,18 @@ def crystal_scene_of(scene: Scene) -> CrystalScene:
         depth=scene.limits.depth,
         text=scene.text,
     )
+
+
+def bodies_of(scene: Scene) -> tuple[CrystalBody, ...]:
+    """The bodies of a scene with their crystals."""
+    if scene.length_unit != "mm":
+        raise _refused(scene, "length_unit", "scenes with crystals are in mm")
+    return tuple(_body(scene, name, body) for name, body in scene.bodies.items())
+
+
+def world_of(scene: Scene) -> Crystal:
+    """The medium between the bodies."""
+    return _medium(scene, scene.world.medium, None)
 
 
 def _refused(scene: Scene, key: str, message: str) -> SceneError:

@@ -1,10 +1,12 @@
-"""Read a rendering scene from TOML; errors name the key.
+"""Read what a picture is rendered of: a scene as `raymap record` takes it, a room, a camera.
 
+Media, bodies, contacts and world are those of the scene; its sources and detectors have no part.
 Lengths in mm, angles in degrees, wavelengths in nm, colours in sRGB as on a screen (0 .. 1).
 """
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 from typing import Annotated
 
@@ -14,22 +16,17 @@ from pydantic import Field
 
 from raymap.colorimetry import decode_srgb
 from raymap.errors import MissingExtra, SceneError
-from tracer.crystals.load import (
-    BodyModel,
-    MediumModel,
-    Model,
-    Number,
-    Vector,
-    bodies_of,
-    parse_toml,
-    read_text,
-)
+from tracer.crystals.load import Model, Number, Vector, checked, read_text
+from tracer.crystals.scene_language import bodies_of, world_of
 from tracer.render.camera import Camera
 from tracer.render.renderer import RenderScene
 from tracer.render.room import WALLS, Room, checker_board, uniform
 from tracer.render.spectra import visible_wavelengths
+from tracer.scene.load import parse_scene
 
 __all__ = ["load_render_scene", "load_render_text"]
+
+_TABLES = ("room", "camera", "render")
 
 
 class BoardModel(Model):
@@ -74,30 +71,19 @@ class CameraModel(Model):
     analyser: Number | None = None
 
 
-class SpectrumModel(Model):
-    """Wavelengths of the picture."""
-
-    count: Annotated[int, Field(ge=1)] = 21
-    wavelengths: tuple[Number, ...] | None = None
-
-
 class RenderModel(Model):
-    """Depth of the tree and what may be left out."""
+    """Depth of the tree, what may be left out, and how many wavelengths where none are given."""
 
     depth: Annotated[int, Field(ge=1)] = 15
     pruning_error: Annotated[float, Field(ge=0)] = 0.5
+    wavelengths: Annotated[int, Field(ge=1)] = 21
 
 
-class SceneModel(Model):
-    """The whole file."""
+class PictureModel(Model):
+    """The tables beside those of the scene."""
 
-    name: str = "scene"
-    media: dict[str, MediumModel] = {}
-    bodies: tuple[BodyModel, ...] = ()
-    contacts: tuple[tuple[str, str], ...] = ()
     room: RoomModel
     camera: CameraModel
-    spectrum: SpectrumModel = SpectrumModel()
     render: RenderModel = RenderModel()
 
 
@@ -150,29 +136,39 @@ def load_render_text(text: str, *, folder: Path = Path(), source: str = "scene")
     SceneError
         naming the key that is wrong
     """
-    model = parse_toml(SceneModel, text, source)
+    scene = parse_scene(text, origin=source, folder=folder)
+    tables = {key: value for key, value in tomllib.loads(text).items() if key in _TABLES}
+    if "room" not in tables or "camera" not in tables:
+        raise SceneError(
+            f"{source}: a picture needs [room] and [camera] beside the bodies; "
+            "raymap record traces a scene without them"
+        )
+    model = checked(PictureModel, tables, source)
+    bodies = bodies_of(scene)
+    given = scene.spectrum.kind == "spectral"
+    count = model.render.wavelengths
+    wavelengths = scene.spectrum.channels() if given else visible_wavelengths(count)
     try:
-        bodies = bodies_of(model.bodies, model.media, folder)
         camera = model.camera.model_dump()
         camera["analyser_deg"] = camera.pop("analyser")
-        spectrum = model.spectrum
-        wavelengths = (
-            np.array(spectrum.wavelengths)
-            if spectrum.wavelengths is not None
-            else visible_wavelengths(spectrum.count)
-        )
         return RenderScene(
-            name=model.name,
+            name=scene.title or source,
             bodies=bodies,
             room=_room(model.room, folder),
             camera=Camera(**camera),
             wavelengths_nm=wavelengths,
             max_events=model.render.depth,
             pruning_error=model.render.pruning_error,
-            contacts=model.contacts,
+            world=world_of(scene),
+            contacts=scene.contacts,
         )
     except SceneError as error:
-        raise SceneError(f"{source}: {error}") from None
+        raise SceneError(_placed(error, source)) from None
+
+
+def _placed(error: SceneError, source: str) -> str:
+    """The message, naming its file once."""
+    return str(error) if str(error).startswith(f"{source}:") else f"{source}: {error}"
 
 
 def load_render_scene(path: str | Path) -> RenderScene:

@@ -39,8 +39,12 @@ _KINDS: dict[str, type[Body]] = BODIES | {"rhomb": RhombBody}
 _INTERNAL = {"text", "origin", "folder", "selecting"}
 _TABLES = (set(Scene.model_fields) - _INTERNAL) | {
     "use", "leave_out", "variants", "simulations", "lens_files", "cad_files",
+    "room", "camera", "render",
 }  # fmt: skip
 """What may stand at the top of a scene file."""
+
+_PICTURE = ("room", "camera", "render")
+"""What only `raymap render` reads (`tracer.render.load`)."""
 
 _OF_MEDIA = set(MediumModel.model_fields)
 
@@ -125,9 +129,16 @@ def parse_scene(
             raise SceneError(f"{origin}: there is no variant {name!r}{_nearest(name, known)}")
         tree = _overlaid(tree, known[name])
     for key in tree:
+        if key == "name" and "bodies" not in tree:
+            raise SceneError(
+                f"{origin}: is no scene: the configurations with a name (conoscopy, conical "
+                "refraction) are for raymap verify-crystals --scenes FOLDER"
+            )
         if key not in _TABLES:
             known = dict.fromkeys(sorted(_TABLES), 0)
             raise SceneError(f"{origin}: {key}: unknown key{_nearest(key, known)}")
+    for key in _PICTURE:
+        tree.pop(key, None)
     tree["text"] = text
     tree["origin"] = origin
     tree["folder"] = str(folder)

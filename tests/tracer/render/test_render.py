@@ -10,21 +10,26 @@ import numpy as np
 import pytest
 
 from raymap.errors import SceneError
+from tracer.crystals.scene_language import crystal_scene_of
 from tracer.render.camera import Camera
 from tracer.render.images import spectral_channels, to_bytes, write_exr, write_png
 from tracer.render.load import load_render_text
 from tracer.render.renderer import error_in_steps, render, sample_pixels
 from tracer.render.room import Room, checker_board, uniform
 from tracer.render.spectra import primary_spectra, rgb_weights, visible_wavelengths
+from tracer.scene.load import parse_scene
 
 SCENE = """
-[media.calcite]
-material = "calcite"
+length_unit = "mm"
 
-[[bodies]]
-name = "rhomb"
+[media.calcite]
+crystal = {{ material = "calcite" }}
+
+[bodies.rhomb]
+kind = "rhomb"
 medium = "calcite"
-shape = "rhomb"
+edge = 30
+position = [0, 0, 0.01]
 
 [room]
 low = [-50, -50, 0]
@@ -40,7 +45,8 @@ focal_length = 42
 pixels = [12, 10]
 
 [spectrum]
-wavelengths = [450, 550, 650]
+kind = "spectral"
+wavelengths_nm = [450, 550, 650]
 
 [render]
 depth = 8
@@ -204,16 +210,21 @@ def test_png_files_hold_what_was_written(tmp_path):
     [
         ("focal_length = 42", "focal_length = 0", "focal_length must be positive"),
         ("up = [0, 0, 1]", "up = [0, 0, 0]", "up must not point along"),
-        ('medium = "calcite"', 'medium = "glass"', "medium 'glass' is not defined"),
+        ('medium = "calcite"', 'medium = "glass"', "there is no medium 'glass'"),
         ("depth = 8", "depth = 0", "render.depth"),
         ("depth = 8", "depht = 8", "render.depht"),
         ("high = [50, 50, 100]", "high = [50, 50, 10]", "sticks out of the room"),
         ('material = "calcite"', "indices = [1.5, -1.6, 1.7]", r"indices\[1\] is -1.6"),
-        ('material = "calcite"', "indices = [1.5, 1.6, 1.7]\naxes = [[1,0,0],[1,1,0],[0,0,1]]",
+        ('material = "calcite"', "indices = [1.5, 1.6, 1.7], axes = [[1,0,0],[1,1,0],[0,0,1]]",
          "not orthogonal"),
-        ('material = "calcite"', "indices = [1.5, 1.6, 1.7]\nabsorption = [0, -1e-4, 0]",
+        ('material = "calcite"', "indices = [1.5, 1.6, 1.7], absorption = [0, -1e-4, 0]",
          "would amplify"),
-        ("[spectrum]", "[spectrum", "not TOML"),
+        ("[bodies.rhomb]", "[[bodies]]", r"\[bodies.NAME\]"),
+        ('kind = "rhomb"\nmedium = "calcite"\nedge = 30',
+         'kind = "sphere"\nmedium = "calcite"\nradius = 3', "box, prism, rhomb and mesh"),
+        ("[camera]", "[camara]", "camara: unknown key"),
+        ("[room]", "[render.room]", "a picture needs .room. and .camera."),
+        ("[spectrum]", "[spectrum", "not a TOML file"),
         ("pixels = [12, 10]", "pixels = [12, 0]", "at least 1"),
     ],
 )  # fmt: skip
@@ -222,6 +233,25 @@ def test_scenes_that_cannot_be_are_refused_by_key(old, new, message):
     assert old in text
     with pytest.raises(SceneError, match=message):
         load_render_text(text.replace(old, new))
+
+
+def test_one_scene_is_recorded_and_rendered(tmp_path):
+    text = (
+        SCENE.format(walls=WHITE)
+        + """
+[sources.pencil]
+kind = "collimated"
+position = [0, 0, 60]
+direction = [0, 0, -1]
+diameter = 1
+"""
+    )
+    recorded = crystal_scene_of(parse_scene(text))
+    rendered = load_render_text(text)
+    np.testing.assert_array_equal(recorded.bodies[0].planes, rendered.bodies[0].planes)
+    assert recorded.wavelengths_nm == tuple(rendered.wavelengths_nm)
+    with pytest.raises(SceneError, match="raymap render draws the scene without"):
+        crystal_scene_of(parse_scene(SCENE.format(walls=WHITE)))
 
 
 def test_rooms_know_their_walls():
