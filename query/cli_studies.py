@@ -65,7 +65,11 @@ def ghosts(
             return
         from query.terminal import print_rows
 
-        rows = [{k: v for k, v in row.items() if k != "criterion"} for row in matrix.pairs(top)]
+        rows = []
+        for row in matrix.pairs(top):
+            first, second = row["labels"]
+            left = {k: v for k, v in row.items() if k not in ("criterion", "labels")}
+            rows.append(left | {"first": first, "second": second})
         print_rows(rows, f"two-reflection ghosts, {matrix.total:.5g} {matrix.flux_unit}")
 
 

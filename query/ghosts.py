@@ -32,6 +32,7 @@ class GhostMatrix:
     Attributes
     ----------
     faces : names of the faces (or objects without faces) that reflect in some ghost
+    labels : the same as they are listed, a cemented face with both its names: "L4.back = L5.front"
     flux, flux_se, rays : (n, n); row: first reflection, column: second [flux unit]
     total : flux of all two-reflection ghosts of the selection
     """
@@ -42,6 +43,7 @@ class GhostMatrix:
     rays: NDArray[np.int64]
     total: float
     flux_unit: str
+    labels: tuple[str, ...] = ()
 
     def pairs(self, top: int | None = None) -> list[dict[str, Any]]:
         """Pairs of faces, strongest first."""
@@ -59,6 +61,7 @@ class GhostMatrix:
                         "flux_se": float(self.flux_se[first, second]),
                         "share": float(self.flux[first, second] / self.total),
                         "criterion": self.criterion(first, second),
+                        "labels": [self.labels[first], self.labels[second]],
                     }
                 )
         return found
@@ -78,6 +81,7 @@ class GhostMatrix:
     def to_json(self) -> dict[str, Any]:
         return {
             "faces": list(self.faces),
+            "labels": list(self.labels),
             "flux": self.flux.tolist(),
             "flux_se": self.flux_se.tolist(),
             "rays": self.rays.tolist(),
@@ -86,12 +90,12 @@ class GhostMatrix:
         }
 
     def _repr_html_(self) -> str:
-        head = "".join(f"<th>{escape(name)}</th>" for name in self.faces)
+        head = "".join(f"<th>{escape(name)}</th>" for name in self.labels)
         body = "".join(
             f"<tr><th>{escape(name)}</th>"
             + "".join(f"<td>{value:.3g}</td>" if value else "<td></td>" for value in row)
             + "</tr>"
-            for name, row in zip(self.faces, self.flux, strict=True)
+            for name, row in zip(self.labels, self.flux, strict=True)
         )
         return f"<table><tr><th>first \\ second</th>{head}</tr>{body}</table>"
 
@@ -178,8 +182,14 @@ def _matrix(
     sent = emitted[source].astype(np.float64)
     spread = variances(factors, sent, tally.sum_w, tally.sum_w2)
     flux: Floats = sums(cell, factors * tally.sum_w, n * n).reshape(n, n)
+    shared = {
+        f"{item.name}.{face.name}": " = ".join((f"{item.name}.{face.name}", *face.aliases))
+        for item in directory.objects
+        for face in item.faces
+    }
     return GhostMatrix(
         faces=tuple(names[face] for face in used),
+        labels=tuple(shared.get(names[face], names[face]) for face in used),
         flux=flux,
         flux_se=np.sqrt(sums(cell, spread, n * n)).reshape(n, n),
         rays=np.bincount(cell, tally.rays, n * n).astype(np.int64).reshape(n, n),
