@@ -210,7 +210,10 @@ class StoredPortion(PortionGeometry):
             return 0
         from raymap.streams import stream_rows
 
-        return stream_rows(self._streams["color.table"][0])
+        try:
+            return stream_rows(self._streams["color.table"][0])
+        except FormatError as error:
+            raise self._damaged(str(error)) from None
 
     def _column_color(self) -> NDArray[np.uint16]:
         from raymap.colors import colors_of_codes

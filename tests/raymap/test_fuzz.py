@@ -20,6 +20,20 @@ def test_mending_leaves_a_sound_map_alone():
         read_everything(content[:-1])
 
 
+def test_a_table_of_colours_without_whole_rows_is_damage():
+    """Its rows are counted by columns that do not read it."""
+    found = 0
+    for content in seeds()[::2]:
+        data = bytearray(content[:-1])
+        place = data.find(b"color.table\0")
+        while place >= 0:
+            data[place + 36 : place + 40] = (16386).to_bytes(4, "little")
+            found += 1
+            place = data.find(b"color.table\0", place + 1)
+        read_everything(mend(bytes(data)))
+    assert found
+
+
 def test_a_short_run_finds_nothing():
     assert short_run(60) == 60
 
