@@ -1,8 +1,11 @@
 """What all surfaces share in the weighted mode: aiming, least probabilities, thinning out.
 
-Scattered light is aimed with the probability q = ``settings[R_AIM]``: its direction comes from the
-mixture q p_aim + (1 - q) f of the density of aiming and the law's own density f, and its factor is
-f over that mixture, at most 1 / (1 - q) (the balance heuristic).
+Scattered light is aimed with a probability q: its direction comes from the mixture
+q p_aim + (1 - q) f of the density of aiming and the law's own density f, and its factor is f over
+that mixture, at most 1 / (1 - q) (the balance heuristic). For a ray of weight w, q is
+``settings[R_AIM]`` / max(1, w): the weight of light that is never aimed then grows in proportion to
+the number of its scatterings. With the same q everywhere it would double at each of them, and the
+few rays of huge weight that carry the light of a white cavity would not be found.
 
 References
 ----------
@@ -57,7 +60,7 @@ def frame_about(nx: float, ny: float, nz: float) -> tuple[float, float, float, f
 @inner_kernel
 def aim_or_keep(
     rare: RareLight, x: float, y: float, z: float, nx: float, ny: float, nz: float, horizon: bool,
-    dx: float, dy: float, dz: float, state: np.uint64,
+    dx: float, dy: float, dz: float, weight: float, state: np.uint64,
 ) -> tuple[float, float, float, float, int, np.uint64]:  # fmt: skip
     """Keep the direction drawn from a law, or take an aimed one.
 
@@ -67,7 +70,7 @@ def aim_or_keep(
     q : probability with which light is aimed from here, 0 where there is no target
     count : candidates
     """
-    q = rare.settings[R_AIM]
+    q = rare.settings[R_AIM] / max(1.0, weight)
     count = count_targets(rare.targets, x, y, z, nx, ny, nz, horizon) if q > 0.0 else 0
     if count == 0:
         return dx, dy, dz, 0.0, 0, state
@@ -104,7 +107,7 @@ def aim_scattered(
     state: np.uint64,
 ) -> Directed:  # fmt: skip
     dx, dy, dz, q, count, state = aim_or_keep(
-        rare, x, y, z, 0.0, 0.0, 1.0, False, dx, dy, dz, state
+        rare, x, y, z, 0.0, 0.0, 1.0, False, dx, dy, dz, weight, state
     )
     if count > 0:
         mu = max(-1.0, min(1.0, ux * dx + uy * dy + uz * dz))

@@ -78,7 +78,9 @@ def _scatter_by_law(
     state = advance(a)
     px, py, pz = sample_radial(tables, table, beta, 0.0, uniform(a), uniform(state))
     dx, dy, dz = px * ux + py * vx + pz * nx, px * uy + py * vy + pz * ny, px * uz + py * vz + pz * nz  # fmt: skip # noqa: E501
-    dx, dy, dz, q, count, state = aim_or_keep(rare, x, y, z, nx, ny, nz, True, dx, dy, dz, state)
+    dx, dy, dz, q, count, state = aim_or_keep(
+        rare, x, y, z, nx, ny, nz, True, dx, dy, dz, weight, state
+    )
     if count > 0:
         px, py = dx * ux + dy * uy + dz * uz, dx * vx + dy * vy + dz * vz
         pz = dx * nx + dy * ny + dz * nz

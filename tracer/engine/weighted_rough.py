@@ -76,7 +76,9 @@ def meet_diffuse(
     dx, dy, dz = about(
         nx, ny, nz, sample_cosine_cone(uniform(a), 0.0), 2.0 * math.pi * uniform(state)
     )
-    dx, dy, dz, q, count, state = aim_or_keep(rare, x, y, z, nx, ny, nz, True, dx, dy, dz, state)
+    dx, dy, dz, q, count, state = aim_or_keep(
+        rare, x, y, z, nx, ny, nz, True, dx, dy, dz, weight, state
+    )
     density = (dx * nx + dy * ny + dz * nz) / math.pi
     weight *= balance(rare, x, y, z, nx, ny, nz, True, dx, dy, dz, q, count, density)
     event = _DIFFUSE_TRANSMISSION if crosses else _DIFFUSE_REFLECTION
@@ -111,7 +113,9 @@ def meet_measured(
     side = -1.0 if crosses else 1.0
     table = surface_i[surface, S_TRANSMITTED] if crosses else surface_i[surface, S_TABLE]
     hx, hy, hz = side * nx, side * ny, side * nz
-    ox, oy, oz, q, count, state = aim_or_keep(rare, x, y, z, hx, hy, hz, True, ox, oy, oz, state)
+    ox, oy, oz, q, count, state = aim_or_keep(
+        rare, x, y, z, hx, hy, hz, True, ox, oy, oz, weight, state
+    )
     if count > 0:
         density = pdf_tabulated(
             tables, table, ix, iy, cos_i, ox * ux + oy * uy + oz * uz,
@@ -160,7 +164,9 @@ def meet_rough(
         )  # fmt: skip
     ox, oy, oz = px * ux + py * vx + pz * nx, px * uy + py * vy + pz * ny, px * uz + py * vz + pz * nz  # fmt: skip # noqa: E501
     horizon = not interface
-    ox, oy, oz, q, count, state = aim_or_keep(rare, x, y, z, nx, ny, nz, horizon, ox, oy, oz, state)
+    ox, oy, oz, q, count, state = aim_or_keep(
+        rare, x, y, z, nx, ny, nz, horizon, ox, oy, oz, weight, state
+    )
     if count > 0:
         px, py = ox * ux + oy * uy + oz * uz, ox * vx + oy * vy + oz * vz
         pz = ox * nx + oy * ny + oz * nz
