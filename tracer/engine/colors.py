@@ -12,7 +12,7 @@ after the next one may hold weights that were only just computed.
 
 from __future__ import annotations
 
-from raymap.kernels import inner_kernel
+from raymap.kernels import inner_kernel, unsigned
 from tracer.engine.buffers import COLORS
 from tracer.geometry.kinds import F64, I64, Integer
 
@@ -40,9 +40,10 @@ def mean_of(colors: F64, code: int, table: F64, row: Integer, column: Integer) -
     n_channels: int = colors.shape[1]
     if code < n_channels:
         return float(table[row, column + code])
+    mixed = unsigned(code - n_channels)
     total = 0.0
     for k in range(n_channels):
-        total += colors[code - n_channels, k] * table[row, column + k]
+        total += colors[mixed, k] * table[row, column + k]
     return total
 
 
@@ -54,12 +55,13 @@ def recolor(
     n_channels: int = colors.shape[1]
     if code < n_channels:
         return code
-    old = code - n_channels
+    old = unsigned(code - n_channels)
     total = 0.0
     equal = True
     for k in range(n_channels):
-        total += colors[old, k] * table[row, column + k]
-        equal = equal and table[row, column + k] == table[row, column]
+        weight = table[row, column + k]
+        total += colors[old, k] * weight
+        equal &= weight == table[row, column]
     if equal or not total > 0.0:
         return code
     new = int(counters[COLORS])

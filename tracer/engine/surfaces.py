@@ -15,7 +15,7 @@ from raymap.events import Event
 from raymap.kernels import inline_kernel, inner_kernel, unsigned
 from tracer.engine.buffers import COLORS
 from tracer.engine.colors import mean_of, pick_channel, recolor
-from tracer.engine.directions import about, sample_cosine_cone
+from tracer.engine.directions import about_turn
 from tracer.engine.random import advance, uniform
 from tracer.engine.scattering import Outcome, meet_scatterer, scatter_specular
 from tracer.geometry.kinds import F64, I64
@@ -215,9 +215,10 @@ def _diffuse(
     nx: float, ny: float, nz: float, state: np.uint64
 ) -> tuple[float, float, float, np.uint64]:
     state = advance(state)
-    cosine = sample_cosine_cone(uniform(state), 0.0)
+    u = uniform(state)
     state = advance(state)
-    dx, dy, dz = about(nx, ny, nz, cosine, 2.0 * math.pi * uniform(state))
+    # The square of the sine is uniform
+    dx, dy, dz = about_turn(nx, ny, nz, math.sqrt(1.0 - u), math.sqrt(u), uniform(state))
     return dx, dy, dz, state
 
 

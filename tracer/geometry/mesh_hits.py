@@ -285,7 +285,7 @@ def _nearest_around(
     return best, found
 
 
-@inner_kernel
+@inline_kernel
 def _decide(
     corners: F64, triangles: I32, first_around: I64, around: I32, to_local: F64, placed: int,
     closed: int, found: int, row: int, own: int, own_row: int, way: float,
@@ -353,7 +353,10 @@ def _may_meet(
     ax, bx = _cells(rays[0, i], rays[3, i], enter, leave, box[0], box[6], occupied.shape[0])
     ay, by = _cells(rays[1, i], rays[4, i], enter, leave, box[1], box[7], occupied.shape[1])
     az, bz = _cells(rays[2, i], rays[5, i], enter, leave, box[2], box[8], occupied.shape[2])
-    if (bx - ax) * (by - ay) * (bz - az) > _FEW_CELLS:
+    cells = (bx - ax) * (by - ay) * (bz - az)
+    if cells == 1:
+        return bool(occupied[unsigned(ax), unsigned(ay), unsigned(az)] != 0)
+    if cells > _FEW_CELLS:
         return True
     for p in range(ax, bx):
         for q in range(ay, by):
@@ -418,7 +421,7 @@ def nearest_on_meshes(
         for k in range(size):
             if begin[k] <= ways[k] and _may_meet(rays, base + k, begin[k], ways[k], box, occupied):
                 i = base + k
-                chosen[count] = i
+                chosen[count], begin[count] = i, begin[k]
                 own = own_body[i]
                 own_rows[count] = -1
                 if own >= 0:
@@ -429,19 +432,7 @@ def nearest_on_meshes(
             i = chosen[k]
             ox, oy, oz = rays[0, i], rays[1, i], rays[2, i]
             dx, dy, dz = rays[3, i], rays[4, i], rays[5, i]
-            # Clip the ray to the sphere around all triangles, so that distant starts stay precise
             sx, sy, sz = ox - cx, oy - cy, oz - cz
-            along = -(sx * dx + sy * dy + sz * dz)
-            gx, gy, gz = sx + along * dx, sy + along * dy, sz + along * dz
-            chord = 1.002001 * radius * radius - (gx * gx + gy * gy + gz * gz)
-            begin[k] = math.inf
-            if chord <= 0.0:
-                continue
-            chord = math.sqrt(chord)
-            start = max(0.0, along - chord)
-            if along + chord <= 0.0 or start >= t[i]:
-                continue
-            begin[k] = start
             bests[k], best_rows[k] = t[i], -1
             ways[k] = 0.0
             # Step off the triangle that the ray leaves; near its edges try the triangles around
@@ -467,6 +458,8 @@ def nearest_on_meshes(
                     )  # fmt: skip
                     if row >= 0:
                         bests[k], best_rows[k] = max(hit, 0.0), row
+            # Start where the ray enters the box, so that distant starts stay precise
+            start = begin[k]
             shifted[0, k] = sx + start * dx
             shifted[1, k] = sy + start * dy
             shifted[2, k] = sz + start * dz
@@ -474,8 +467,6 @@ def nearest_on_meshes(
         for k in range(count):
             i = chosen[k]
             hit_body[k] = -1
-            if begin[k] == math.inf:
-                continue
             words[0], words[1], words[2], words[3] = shifted[0, k], shifted[1, k], shifted[2, k], 0
             words[4], words[5], words[6], words[7] = rays[3, i], rays[4, i], rays[5, i], 0
             words[8] = (bests[k] - begin[k]) * 1.000001 + offset
@@ -491,8 +482,6 @@ def nearest_on_meshes(
         # Decide in float64; look further along the few rays whose hit is not accepted
         for k in range(count):
             i = chosen[k]
-            if begin[k] == math.inf:
-                continue
             best, best_row, best_body = bests[k], best_rows[k], own_body[i]
             ox, oy, oz = rays[0, i], rays[1, i], rays[2, i]
             dx, dy, dz = rays[3, i], rays[4, i], rays[5, i]
