@@ -106,10 +106,8 @@ def test_irradiance_before_the_focus_matches_optiland(emitted: int) -> None:
     statistic = ((counts - expected)[lit] ** 2 / both[lit]).sum()
     p = float(chi2.sf(statistic, lit.sum()))
     total = (counts.sum() - expected.sum()) / np.sqrt(both.sum())
-    share = counts.sum() / emitted
-    print(
-        f"{lit.sum()} cells, p = {p:.3f}; {share:.5f} and {expected.sum() / emitted:.5f}: {total:.2f} se"
-    )
+    own_share, share = counts.sum() / emitted, expected.sum() / emitted
+    print(f"{lit.sum()} cells, p = {p:.3f}; {own_share:.5f} and {share:.5f}: {total:.2f} se")
     assert p > 1e-4
     assert abs(total) < 4.5
 
