@@ -57,7 +57,7 @@ def print_paths(table: PathTable, top: int | None) -> None:
     view = Table(title=f"{table.n_paths:,} paths by {table.by}, {table.total:.6g} {unit}")
     view.add_column("#", justify="right")
     for name in ("rays", f"flux [{unit}]", "±", "share"):
-        view.add_column(name, justify="right", no_wrap=True)
+        view.add_column(Text(name), justify="right", no_wrap=True)
     with_peak = table._peaks is not None
     if with_peak:
         view.add_column("peak cell", no_wrap=True)
@@ -83,11 +83,11 @@ def _shorter(path: str) -> str:
 
 def print_rows(rows: list[dict[str, Any]], title: str) -> None:
     """Dictionaries with equal keys as a table."""
-    view = Table(title=title)
+    view = Table(title=Text(title))
     names = list(rows[0]) if rows else []
     for name in names:
         numeric = isinstance(rows[0][name], int | float)
-        view.add_column(name, justify="right" if numeric else "left", overflow="fold")
+        view.add_column(Text(name), justify="right" if numeric else "left", overflow="fold")
     for row in rows:
         view.add_row(*(Text(_cell(row[name])) for name in names))
     _console().print(view)
@@ -112,11 +112,11 @@ def print_report(ray: dict[str, Any]) -> None:
     )
     view = Table(show_lines=True)
     view.add_column("#", justify="right")
-    view.add_column(f"position [{unit}]", justify="right", no_wrap=True)
+    view.add_column(Text(f"position [{unit}]"), justify="right", no_wrap=True)
     view.add_column("at, events", overflow="fold", ratio=3)
     view.add_column("incidence", justify="right", no_wrap=True)
     view.add_column("then through", overflow="fold", ratio=2)
-    view.add_column(f"length [{unit}]", justify="right", no_wrap=True)
+    view.add_column(Text(f"length [{unit}]"), justify="right", no_wrap=True)
     view.add_column("light", overflow="fold", ratio=2)
     with_state = any("polarisation" in point or "optical_path" in point for point in ray["points"])
     if with_state:

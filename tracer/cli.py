@@ -148,6 +148,7 @@ def _design(path: Path) -> dict[str, Any]:
 
 def _print_result(result: RecordResult, output: Path | None) -> None:
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
     console = Console(soft_wrap=True, highlight=False)
@@ -165,7 +166,8 @@ def _print_result(result: RecordResult, output: Path | None) -> None:
         table.caption = "detected: ended on a blocking detector; the others let light go on"
     console.print(table)
     if result.fluxes["detectors"]:
-        table = Table("detector", f"flux [{result.fluxes['unit']}]", "standard error")
+        unit = escape(f"[{result.fluxes['unit']}]")
+        table = Table("detector", f"flux {unit}", "standard error")
         for name, row in result.fluxes["detectors"].items():
             table.add_row(name, f"{row['flux']:.6g}", f"{row['flux_se']:.2g}")
         console.print(table)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import os
 import secrets
 import sys
@@ -85,8 +86,20 @@ def _plain_arguments() -> Iterator[None]:
         sys.argv = arguments
 
 
+class _GoneAway(logging.Filter):
+    """Passes over pages that were closed while something was sent to them."""
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        return not isinstance(sys.exc_info()[1], ConnectionResetError)
+
+
+_GONE_AWAY = _GoneAway()
+
+
 def start(server: Any, port: int) -> Any:
     """The coroutine that serves until it is stopped."""
+    for name in ("wslink.protocol", "aiohttp.server"):
+        logging.getLogger(name).addFilter(_GONE_AWAY)
     with _plain_arguments():
         return server.start(
             port=port,

@@ -169,3 +169,11 @@ def test_an_error_points_below_the_criterion(run: Any, path: Path) -> None:
     message, shown, carets = err.splitlines()
     assert "column" in message
     assert shown[carets.index("^") :] == '"L9")'
+
+
+def test_tables_keep_their_units(run: Any, path: Path) -> None:
+    with raymap.open(path) as map:
+        number = int(map.portions[0].ray_ids()[0])
+    out, _ = run("report", path, number)
+    assert "position [mm]" in out
+    assert "length [mm]" in out

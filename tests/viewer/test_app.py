@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -12,7 +14,7 @@ import pytest
 import raymap
 from query import select
 from viewer.app import Application
-from viewer.server import RunningServer, make_server
+from viewer.server import RunningServer, make_server, run_in_thread
 from viewer.state import ViewState, state_to_address, state_to_json
 
 GHOST = 'count(hit("L1", reflected)) == 2 & detected("sensor")'
@@ -190,3 +192,20 @@ def test_the_server_starts_beside_the_program_and_stops(map_path: Any) -> None:
         running.stop()
         with pytest.raises(urllib.error.URLError):
             urllib.request.urlopen(running.url)
+
+
+def test_a_page_that_was_closed_is_no_error(
+    map_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with raymap.open(map_path) as ray_map:
+        running = run_in_thread(ray_map, ViewState(rays=10))
+        logger = logging.getLogger("wslink.protocol")
+        for error in (ConnectionResetError("gone"), ValueError("wrong")):
+            try:
+                raise error
+            except Exception as caught:
+                logger.error(repr(caught))
+        running.stop()
+    assert [record.getMessage() for record in caplog.records if record.name == logger.name] == [
+        "ValueError('wrong')"
+    ]
