@@ -16,6 +16,7 @@ from viewer.tree import (
     add_node,
     count_node,
     criterion_tree,
+    demanded_detector,
     make_atom,
     negate_node,
     remove_node,
@@ -58,11 +59,16 @@ class CriterionActions(Core):
             with self.page:
                 self.page.criterion_error = criterion_error(error)
             return
-        self.session.update(criterion=text, paths=())
+        shown = self.inquiry.detector_name()
+        asked = demanded_detector(criterion_tree(text), self.page.detectors) or shown
+        if asked != shown:
+            self.inquiry.place = None
+        self.session.update(criterion=text, paths=(), detector=asked)
         with self.page:
             self.page.update(
                 {
                     "criterion": text,
+                    "detector": asked,
                     "criterion_error": None,
                     "tree_place": None,
                     "region": self._region(),

@@ -52,14 +52,7 @@ def headline(path: str) -> str:
                 turns.append(f"{name} (diffuse)")
             elif event == "volume_scatter":
                 turns.append("scattered")
-    # A run of equal turns is counted
-    short: list[str] = []
-    for turn in turns:
-        if short and short[-1].split(" ×")[0] == turn:
-            head, _, count = short[-1].partition(" ×")
-            short[-1] = f"{head} ×{int(count or 1) + 1}"
-        else:
-            short.append(turn)
+    short = _counted(turns)
     name, events = points[-1]
     ending = next((_ENDINGS[event] for event in events if event in _ENDINGS), "")
     seen = points[-2][0][1:] if len(points) > 1 and points[-2][0].startswith("@") else ""
@@ -70,3 +63,22 @@ def headline(path: str) -> str:
     else:
         end = f"{name or 'medium'}{ending and ', ' + ending}"
     return f"{' '.join(short)} → {end}" if short else f"straight to {end}"
+
+
+def _counted(turns: list[str]) -> list[str]:
+    """Turns with repetitions of one, or of two that alternate, counted."""
+    short: list[str] = []
+    at = 0
+    while at < len(turns):
+        period, times = 1, 1
+        for length in (1, 2):
+            unit, count = turns[at : at + length], 1
+            while turns[at + count * length : at + (count + 1) * length] == unit:
+                count += 1
+            if count > 1 and length * count > period * times:
+                period, times = length, count
+        text = " ".join(turns[at : at + period])
+        text = f"({text})" if period > 1 else text
+        short.append(f"{text} ×{times}" if times > 1 else text)
+        at += period * times
+    return short

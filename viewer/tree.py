@@ -23,6 +23,7 @@ __all__ = [
     "count_node",
     "criterion_region",
     "criterion_tree",
+    "demanded_detector",
     "make_atom",
     "negate_node",
     "remove_node",
@@ -218,6 +219,19 @@ def _region_place(tree: Tree | None, detector: str) -> int | None:
     if tree["op"] == "and":
         return next((k for k, node in enumerate(tree["args"]) if asks(node)), None)
     return None
+
+
+def demanded_detector(tree: Tree | None, detectors: Sequence[str]) -> str | None:
+    """The one detector that every ray of a criterion must have met, if it names just one."""
+    nodes = [] if tree is None else tree["args"] if tree["op"] == "and" else [tree]
+    patterns = {
+        pattern
+        for node in nodes
+        if node["op"] in ("detected", "crossed")
+        for pattern in node["names"]
+    }
+    named = [name for name in detectors if escape(name, "*?\\") in patterns]
+    return named[0] if len(patterns) == len(named) == 1 else None
 
 
 def criterion_region(tree: Tree | None, detector: str) -> Region | None:

@@ -11,6 +11,7 @@ from viewer.tree import (
     count_node,
     criterion_region,
     criterion_tree,
+    demanded_detector,
     make_atom,
     negate_node,
     remove_node,
@@ -136,3 +137,19 @@ def test_names_with_wildcards_in_them_are_escaped() -> None:
     tree = with_region(None, "a*b", RECT)
     assert "a\\*b" in tree_text(tree)
     assert criterion_region(tree, "a*b") == RECT
+
+
+@pytest.mark.parametrize(
+    ("text", "detector"),
+    [
+        ('detected("a")', "a"),
+        ('hit("L1") & crossed("b*", rect(0, 0, 1, 1))', None),
+        ('hit("L1") & detected("b", rect(0, 0, 1, 1)) & detected("b")', "b"),
+        ('detected("a") & detected("b")', None),
+        ('detected("a", "b")', None),
+        ('!detected("a")', None),
+        ("", None),
+    ],
+)
+def test_the_detector_that_a_criterion_demands(text: str, detector: str | None) -> None:
+    assert demanded_detector(criterion_tree(text), ["a", "b", "bb"]) == detector

@@ -27,6 +27,10 @@ from viewer.plots import bars, heat_map, profile
             "s:emitted w:diffuse_reflection w:diffuse_reflection :left",
             "w ↩ (diffuse) ×2 → out of the scene",
         ),
+        (
+            "s:emitted" + " a:tir b:tir" * 3 + " a:tir c:specular_reflection :left",
+            "(a ↩ (total) b ↩ (total)) ×3 a ↩ (total) c ↩ → out of the scene",
+        ),
         ("s:emitted :volume_scatter :volume_absorption", "scattered → medium, absorbed inside"),
         (
             r"s:emitted my\ lens.f\:1:specular_reflection t:depth_limit",
