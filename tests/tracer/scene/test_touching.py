@@ -150,4 +150,6 @@ def test_large_meshes_are_compared_in_a_moment() -> None:
 def test_analytic_faces_need_no_warning() -> None:
     two = BOX.format(name="one", place="0, 0, 0") + BOX.format(name="two", place="0, 0, 2")
     lamp = '[sources.s]\nkind = "point"\nposition = [0, 0, 9]\n'
-    assert compiled("[media.g]\nindex = 1.5\n" + two + lamp).arrays.contacts is not None
+    contacts = compiled("[media.g]\nindex = 1.5\n" + two + lamp).arrays.contacts
+    assert contacts is not None
+    assert len(contacts.face) > 0
