@@ -22,7 +22,7 @@ from tracer.geometry.shapes import (
     Shape,
     SphereCap,
 )
-from tracer.scene.fields import Length, Node, Placed, Positive
+from tracer.scene.fields import Finite, Length, Node, Placed, Positive
 
 if TYPE_CHECKING:
     from tracer.geometry.mesh import TriangleMesh
@@ -91,7 +91,7 @@ class LensFace(Node):
     radius: float = math.inf
     semi_diameter: Positive | None = None
     conic: Length = 0.0
-    aspheric: Annotated[tuple[Length, ...], Field(max_length=6)] = ()
+    aspheric: Annotated[tuple[Finite, ...], Field(max_length=6)] = ()  # huge in metres
     cemented: str | None = None
     surface: str | None = None
 
