@@ -41,7 +41,7 @@ def compile_trace(compilation: Compilation, encoder: PortionEncoder | None, thre
 def implies_normals(directory: Directory) -> bool:
     """Whether the normal of every point follows from its face and its place."""
     return all(
-        face.primitive_count == 1 and bool(face.quadrics) and face.quadrics[0] is not None
+        bool(face.quadrics) and all(quadric is not None for quadric in face.quadrics)
         for item in directory.objects
         for face in item.faces
     )

@@ -252,6 +252,7 @@ class _Assembly:
         self.n_sources, self.n_channels = len(scene.source_i), scene.n_channels
         self.exact = exact
         self.filled = np.zeros(4, np.int64)
+        self._planned = 0
         self._counts: list[NDArray[np.int32]] = []
         self.columns = self._allocate(0, 0, 0, 0)
 
@@ -278,6 +279,7 @@ class _Assembly:
 
     def start(self, n_rays: int) -> None:
         self.filled[:] = 0
+        self._planned = n_rays
         self._counts.clear()
         self._reserve(n_rays, 0, 0, self.n_sources)
 
@@ -318,11 +320,18 @@ class _Assembly:
         need = (rays, records, descriptors, colors)
         if all(n <= h for n, h in zip(need, have, strict=True)):
             return
-        sizes = [h if n <= h else n + n // 2 for n, h in zip(need, have, strict=True)]
-        self.columns = self._allocate(*sizes)
-        pairs: Any = zip(self.columns, old, strict=True)
+        # Expect of the blocks to come what those so far have brought
+        share = max(1.0, self._planned / max(rays, 1))
+        sizes = [
+            h if n <= h else int(1.125 * share * n) + 1 for n, h in zip(need, have, strict=True)
+        ]
+        grown: list[Any] = []
+        pairs: Any = zip(self._allocate(*sizes), old, strict=True)
         for new, previous in pairs:
-            new[: len(previous)] = previous
+            if len(new) > len(previous):
+                new[: len(previous)] = previous
+            grown.append(new if len(new) > len(previous) else previous)
+        self.columns = Columns(*grown)
 
     def portion(
         self, emitted: NDArray[np.int64], scene: CompiledScene, first_ray: int, *, copy: bool
