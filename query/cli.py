@@ -231,7 +231,7 @@ def image(
             ray_map, detector, layers, bin=bin, threads=threads, progress=progress_line(json)
         )
         written = [
-            _written(write_image(picture, targets[name], kind), picture)
+            _written(write_image(picture, targets[name], kind, zoom=bin), picture)
             for name, picture in pictures.items()
         ]
         if json:
@@ -251,12 +251,13 @@ def image(
 
 def _speckle(picture: Any, bin: int) -> str:
     """How coarse the picture's grain is, and what helps; empty where it is fine."""
-    side = picture.calmer()
-    if side is None:
+    calmer = picture.calmer()
+    if calmer is None:
         return ""
+    side, grain = calmer
     return (
         f"speckle: a lit cell is known to ± {picture.grain:.0%}; --bin {side * bin} brings that to "
-        f"about ± {picture.grain / side:.0%}, or record more rays"
+        f"about ± {grain:.0%}, or record more rays"
     )
 
 

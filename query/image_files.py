@@ -97,13 +97,19 @@ def _pixels(image: DetectorImage, kind: str) -> NDArray[Any]:
     return np.round(np.clip(values / top, 0, 1) * 65535).astype(np.uint16)
 
 
-def write_image(image: DetectorImage, path: str | Path, kind: str = "rgb") -> Path:
+def write_image(
+    image: DetectorImage, path: str | Path, kind: str = "rgb", *, zoom: int = 1
+) -> Path:
     """Write a picture; the suffix chooses the format.
 
     ``.png``: sRGB or 16-bit grey scaled to its largest value. ``.tiff``: float32 in physical units
     (package tifffile). ``.exr``: float32 in physical units, R, G, B or named channels. ``.csv``: a
     row per cell with place, flux, errors and channels, whatever the kind. ``.npy``: float64 in
     physical units, row 0 at the bottom as cells count.
+
+    Parameters
+    ----------
+    zoom : pixels of a ``.png`` along either side of a cell
 
     Raises
     ------
@@ -120,7 +126,8 @@ def write_image(image: DetectorImage, path: str | Path, kind: str = "rgb") -> Pa
         raise RayMapError(f"there is no folder {target.parent} to write {target.name} into")
     with replacing(target) as beside:
         if suffix == ".png":
-            beside.write_bytes(png_bytes(_upright(_pixels(image, kind))))
+            pixels = _pixels(image, kind).repeat(zoom, axis=0).repeat(zoom, axis=1)
+            beside.write_bytes(png_bytes(_upright(pixels)))
         elif suffix == ".npy":
             with beside.open("wb") as file:
                 np.save(file, values_of(image, kind))

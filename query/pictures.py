@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from query.binning import fitting_blocks
+from query.binning import block_sums, fitting_blocks
 from raymap.cells import CellMeasure, cell_measure
 from raymap.directory import ChannelSet, Detector
 from raymap.errors import RayMapError
@@ -72,18 +72,23 @@ class DetectorImage:
 
         What a picture shows as speckle.
         """
-        lit = (self.flux > 0.0) & (self.variance > 0.0)
-        return float(np.median(self.flux_se[lit] / self.flux[lit])) if lit.any() else None
+        return _grain(self.flux, self.variance)
 
-    def calmer(self, grain: float = 0.1) -> int | None:
-        """Side of the blocks of cells that bring `grain` to this; the largest if none does.
+    def calmer(self, grain: float = 0.1) -> tuple[int, float] | None:
+        """Side of the blocks of cells that bring `grain` to this, and what they bring it to.
 
-        None where the grain is that small already or no blocks fit the cells.
+        The largest blocks if none does; None where the grain is that small already or no blocks
+        fit the cells.
         """
         blocks = fitting_blocks(self.detector)
         if self.grain is None or self.grain <= grain or not blocks:
             return None
-        return next((side for side in blocks if self.grain <= grain * side), blocks[-1])
+        reached = self.grain
+        for side in blocks:
+            reached = _grain(block_sums(self.flux, side), block_sums(self.variance, side)) or 0.0
+            if reached <= grain:
+                return side, reached
+        return blocks[-1], reached
 
     @cached_property
     def measure(self) -> CellMeasure | None:
@@ -230,3 +235,9 @@ class DetectorImage:
         from query.image_files import png_html
 
         return png_html(self)
+
+
+def _grain(flux: Floats, variance: Floats) -> float | None:
+    """Standard error over flux, the median of the lit cells."""
+    lit = (flux > 0.0) & (variance > 0.0)
+    return float(np.median(np.sqrt(variance[lit]) / flux[lit])) if lit.any() else None

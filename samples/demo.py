@@ -47,7 +47,7 @@ def main() -> None:
     run("paths", ray_map, GHOST, "--top", "10")
     run("report", ray_map, str(first_ray(ray_map, GHOST)))
     run("picture", ray_map, GHOST, "-o", "demo/ghost_rays.png")
-    run("image", ray_map, "sensor", GHOST, "-o", "demo/ghost_image.png")
+    run("image", ray_map, "sensor", GHOST, "--bin", "20", "-o", "demo/ghost_image.png")
     print(f"\nDone in {time.perf_counter() - start:.0f} s. Pictures: demo/*.png. Look around with:")
     print(f"  {RAYMAP.relative_to(ROOT) if RAYMAP.is_relative_to(ROOT) else RAYMAP} view {ray_map}")
 

@@ -350,7 +350,10 @@ def test_the_grain_of_a_picture(maps: dict[str, Any]) -> None:
     assert picture.grain == pytest.approx(
         1 / np.sqrt(np.median(picture.rays[picture.rays > 0])), rel=0.5
     )
-    assert picture.calmer() == 2
+    side, reached = picture.calmer()
+    assert side == 2
+    coarse = query.detector_image(maps["merged"], "screen", bin=2)
+    assert reached == pytest.approx(coarse.grain, rel=0.1)
     assert picture.calmer(grain=1.0) is None
     eye = query.detector_image(maps["merged"], "eye", 'source("*") & !source("*")')
     assert (eye.grain, eye.calmer()) == (None, None)
