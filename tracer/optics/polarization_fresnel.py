@@ -21,6 +21,9 @@ from raymap.kernels import kernel
 
 __all__ = ["dielectric_amplitudes", "published_amplitudes", "s_vector", "split_field"]
 
+_WIDE = 0.1
+"""Squared sine of incidence from which on rounding of the cross product needs no correction."""
+
 
 @kernel
 def dielectric_amplitudes(
@@ -74,7 +77,7 @@ def s_vector(
     """Unit vector s perpendicular to the plane of incidence; any one at normal incidence."""
     sx, sy, sz = dy * nz - dz * ny, dz * nx - dx * nz, dx * ny - dy * nx
     length2 = sx * sx + sy * sy + sz * sz
-    if length2 > 1e-6:
+    if length2 > _WIDE:
         scale = 1.0 / math.sqrt(length2)
         return sx * scale, sy * scale, sz * scale
     if length2 < 1e-28:
