@@ -23,7 +23,7 @@ from raymap.schema import PORTION_RAYS, PORTION_RECORDS
 from raymap.writer import RayMapWriter
 from tracer.counts import Counts, DetectorCount
 from tracer.engine.wavefront import Wavefront
-from tracer.rehearsal import compile_trace, implies_normals
+from tracer.rehearsal import compile_trace, implies_normals, order_faces
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.load import load_scene
 from tracer.scene.model import Scene
@@ -157,6 +157,7 @@ def record(
         encoder = PortionEncoder(compilation.directory, raw=raw, compact=compact)
         compile_trace(compilation, None if no_rays else encoder, count)
         check_sources(compilation)
+        compilation = order_faces(compilation)
         if compilation.arrays.rare is not None:
             refuse_pinholes(compilation, "the weighted one")
     if executor is not None and not shares_memory(executor):

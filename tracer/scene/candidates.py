@@ -22,7 +22,7 @@ from tracer.geometry.kinds import MESH, SPHERE
 from tracer.geometry.shapes import Shape
 from tracer.scene.precedence import Precedence
 
-__all__ = ["Candidates", "find_candidates", "main_axis"]
+__all__ = ["Candidates", "Departures", "main_axis"]
 
 Array = NDArray[np.float64]
 
@@ -58,10 +58,29 @@ class Candidates(NamedTuple):
         return found
 
 
-def find_candidates(
-    shapes: Sequence[Shape], sources: Sequence[tuple[Array, Array, Array]]
-) -> Candidates:
-    """Candidate lists of all departures.
+class _List(NamedTuple):
+    """What rays of a departure can meet.
+
+    start : number of the face or source, -1 anywhere
+    faces : in the order in which they are tried
+    distance (n,) : lower bound of the distance of each face of the scene
+    settle (2 n,) : as in `Candidates`
+    likely : as in `Candidates`
+    """
+
+    start: int
+    faces: NDArray[np.intp]
+    distance: Array
+    settle: NDArray[np.int32]
+    likely: int
+
+    def bounds(self) -> Array:
+        """Lower bound of the distance of each entry and all that follow."""
+        return np.minimum.accumulate(self.distance[self.faces][::-1])[::-1]
+
+
+class Departures:
+    """Where rays of a scene start from, and what they can meet from there.
 
     A *departure* is 2 x face (+1 for directions along the face's main axis), then one per source,
     then one for rays that start in a medium.
@@ -71,68 +90,116 @@ def find_candidates(
     shapes : all faces; those of meshes are departures, but no candidates
     sources : per source the box that it emits from and the direction of its beam (zero: any)
     """
-    n = len(shapes)
-    boxes = [shape.bounds() for shape in shapes]
-    low = np.array([box[0] for box in boxes]).reshape(n, 3)
-    high = np.array([box[1] for box in boxes]).reshape(n, 3)
-    analytic = np.array([shape.kind != MESH for shape in shapes], bool)
-    axes = np.array([main_axis(shape) for shape in shapes], np.int32)
-    precedence = None
-    if 0 < n <= _FEW_FACES and bool(analytic.any()):
-        precedence = Precedence(shapes, [(start, stop) for start, stop, _ in sources])
-    lists = []
-    rows = []
-    likely = []
 
-    def add(start_low: Array, start_high: Array, signs: Array, start: int = -1) -> None:
-        ahead = np.ones(n, bool)
+    def __init__(
+        self, shapes: Sequence[Shape], sources: Sequence[tuple[Array, Array, Array]]
+    ) -> None:
+        n = len(shapes)
+        boxes = [shape.bounds() for shape in shapes]
+        self._low = np.array([box[0] for box in boxes]).reshape(n, 3)
+        self._high = np.array([box[1] for box in boxes]).reshape(n, 3)
+        self._kinds = np.array([shape.kind for shape in shapes], np.int64)
+        self._precedence = None
+        if 0 < n <= _FEW_FACES and bool((self._kinds != MESH).any()):
+            self._precedence = Precedence(shapes, [(start, stop) for start, stop, _ in sources])
+        self.axes = np.array([main_axis(shape) for shape in shapes], np.int64)
+        self._lists = []
+        for face in range(n):
+            for sign in (-1, 1):
+                signs = np.zeros(3)
+                signs[self.axes[face]] = sign
+                self._lists.append(self._list(self._low[face], self._high[face], signs, face))
+        for number, (low, high, beam) in enumerate(sources):
+            signs = np.sign(np.where(np.abs(beam) < 1e-12, 0.0, beam))
+            self._lists.append(self._list(low, high, signs, n + number))
+        everywhere = np.full(3, np.inf)
+        self._lists.append(self._list(-everywhere, everywhere, np.zeros(3), -1))
+
+    def candidates(self, met: NDArray[np.int64] | None = None) -> Candidates:
+        """Candidate lists of all departures.
+
+        Parameters
+        ----------
+        met : (departures, faces) rays of each departure by the face that they met next, as far as
+            that has been counted; it is guessed otherwise. The order of a list decides how soon a
+            hit is found, not which.
+        """
+        lists = list(self._lists)
+        if met is not None:
+            for k in np.flatnonzero(met.any(axis=1)):
+                lists[k] = self._in_likely_order(lists[k], met[k])
+        known = self._precedence is not None
+        n = len(self._kinds) if known else 0
+        first = np.concatenate(([0], np.cumsum([len(item.faces) for item in lists])))
+        settles = np.zeros(first[-1], np.uint8)
+        for item, start in zip(lists, first[:-1], strict=True):
+            settles[start + item.settle[item.settle < _NEVER]] = 1
+        rows = [item.settle for item in lists] if known else []
+        return Candidates(
+            first=first.astype(np.int64),
+            face=np.concatenate([item.faces for item in lists]).astype(np.int64),
+            distance=np.concatenate([item.bounds() for item in lists]),
+            settle=np.array(rows, np.int32).reshape(len(rows), 2 * n),
+            settles=settles,
+            likely=np.array([item.likely for item in lists], np.int32),
+        )
+
+    def _list(self, start_low: Array, start_high: Array, signs: Array, start: int) -> _List:
+        """What rays can meet that start in a box and go along some axes."""
+        n, low, high = len(self._kinds), self._low, self._high
+        ahead = self._kinds != MESH
         for axis in range(3):
             if signs[axis] > 0:
                 ahead &= high[:, axis] >= start_low[axis]
             elif signs[axis] < 0:
                 ahead &= low[:, axis] <= start_high[axis]
-        ahead &= analytic
-        if 0 <= start < n and shapes[start].kind < SPHERE:
+        if 0 <= start < n and self._kinds[start] < SPHERE:
             ahead[start] = False
         gap = np.maximum(0.0, np.maximum(low - start_high, start_low - high))
         distance = np.linalg.norm(gap, axis=1) * (1.0 - 1e-12)
         order = np.argsort(distance, kind="stable")
-        order = order[ahead[order]]
-        if precedence is not None:
-            away = np.zeros((n, 3))
-            if start >= 0:
-                away = 0.5 * (low + high - start_low - start_high)
-            order, row, place = _in_likely_order(
-                order, distance, _apparent_size(high - low, away), precedence, start
-            )
-            rows.append(row)
-            likely.append(place)
-        lists.append((order, np.minimum.accumulate(distance[order][::-1])[::-1]))
+        found = _List(start, order[ahead[order]], distance, np.full(2 * n, _NEVER, np.int32), -1)
+        if start < 0:
+            # Nothing is known of rays that start anywhere
+            return found
+        away = 0.5 * (low + high - start_low - start_high)
+        return self._in_likely_order(found, _apparent_size(high - low, away))
 
-    for face in range(n):
-        for sign in (-1, 1):
-            signs = np.zeros(3)
-            signs[axes[face]] = sign
-            add(low[face], high[face], signs, face)
-    for number, (start_low, start_high, beam) in enumerate(sources):
-        signs = np.sign(np.where(np.abs(beam) < 1e-12, 0.0, beam))
-        add(start_low, start_high, signs, n + number)
-    everywhere = np.full(3, np.inf)
-    add(-everywhere, everywhere, np.zeros(3))
-    first = np.concatenate(([0], np.cumsum([len(order) for order, _ in lists]))).astype(np.int64)
-    faces = np.concatenate([order for order, _ in lists]).astype(np.int64)
-    settles = np.zeros(len(faces), np.uint8)
-    for row, start in zip(rows, first[:-1], strict=False):
-        places = row[row < _NEVER]
-        settles[start + places] = 1
-    return Candidates(
-        first=first,
-        face=faces,
-        distance=np.concatenate([distance for _, distance in lists]),
-        settle=np.array(rows, np.int32).reshape(len(rows), 2 * n if rows else 0),
-        settles=settles,
-        likely=np.array(likely or [-1] * len(lists), np.int32),
-    )
+    def _in_likely_order(self, item: _List, weight: Array | NDArray[np.int64]) -> _List:
+        """The list with those faces first that settle the most rays for the fewest tests.
+
+        ``weight`` (n,) is in proportion to the rays that meet each face.
+        """
+        if self._precedence is None:
+            return item
+        n = len(self._kinds)
+        entered = ~self._precedence.excluded(item.start, sphere_entered=True)
+        left = ~self._precedence.excluded(item.start, sphere_entered=False)
+        candidates = np.zeros(n, bool)
+        candidates[item.faces] = True
+        entered &= candidates
+        left &= candidates
+        waiting = candidates.copy()
+        placed: list[int] = []
+        guess = -1
+        while waiting.any():
+            tests = 1 + (entered & waiting[None, :]).sum(axis=1)
+            gain = np.where(waiting, (weight + 1e-9) / tests, -1.0)
+            best = int(np.argmax(gain))
+            before = np.flatnonzero(entered[best] & waiting)
+            for face in (*before[np.argsort(item.distance[before], kind="stable")], best):
+                placed.append(int(face))
+                waiting[face] = False
+            if guess < 0:
+                guess = len(placed) - 1
+        place = np.full(n, -1, np.int32)
+        place[placed] = np.arange(len(placed))
+        settle = np.full(2 * n, _NEVER, np.int32)
+        for half, rest in enumerate((entered, left)):
+            last = np.where(rest, place[None, :], -1).max(axis=1)
+            settled = np.maximum(last, place)
+            settle[half * n : half * n + n] = np.where(candidates, settled, _NEVER)
+        return item._replace(faces=np.array(placed, np.intp), settle=settle, likely=guess)
 
 
 _NEVER = 2**31 - 1
@@ -144,46 +211,6 @@ def _apparent_size(extent: Array, away: Array) -> Array:
     share = np.abs(away) / np.sqrt(square)[:, None]
     across = np.stack([extent[:, (k + 1) % 3] * extent[:, (k + 2) % 3] for k in range(3)], axis=1)
     return np.asarray(np.minimum(1.0, (share * across).sum(axis=1) / square))
-
-
-def _in_likely_order(
-    order: NDArray[np.intp], distance: Array, size: Array, precedence: Precedence, start: int
-) -> tuple[NDArray[np.intp], NDArray[np.int32], int]:
-    """Faces in an order that settles rays soon, the place where each one's hits are settled, and
-    the place of the face that is the best guess.
-    """
-    n = precedence.n
-    row = np.full(2 * n, _NEVER, np.int32)
-    if start < 0:
-        # Nothing is known of rays that start anywhere
-        return order, row, -1
-    entered = ~precedence.excluded(start, sphere_entered=True)
-    left = ~precedence.excluded(start, sphere_entered=False)
-    candidates = np.zeros(n, bool)
-    candidates[order] = True
-    entered &= candidates
-    left &= candidates
-    # Take next what settles the most for the fewest tests, what comes before it first
-    waiting = candidates.copy()
-    placed: list[int] = []
-    guess = -1
-    while waiting.any():
-        tests = 1 + (entered & waiting[None, :]).sum(axis=1)
-        gain = np.where(waiting, (size + 1e-9) / tests, -1.0)
-        best = int(np.argmax(gain))
-        before = np.flatnonzero(entered[best] & waiting)
-        for face in (*before[np.argsort(distance[before], kind="stable")], best):
-            placed.append(int(face))
-            waiting[face] = False
-        if guess < 0:
-            guess = len(placed) - 1
-    place = np.full(n, -1, np.int32)
-    place[placed] = np.arange(len(placed))
-    for half, rest in enumerate((entered, left)):
-        last = np.where(rest, place[None, :], -1).max(axis=1)
-        settled = np.maximum(last, place)
-        row[half * n : half * n + n] = np.where(candidates, settled, _NEVER)
-    return np.array(placed, np.intp), row, guess
 
 
 def main_axis(shape: Shape) -> int:

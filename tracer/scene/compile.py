@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +37,7 @@ from tracer.scene.arrays import (
     CompiledScene,
     RareLight,
 )
-from tracer.scene.candidates import find_candidates
+from tracer.scene.candidates import Candidates, Departures
 from tracer.scene.contacts import find_contacts
 from tracer.scene.detectors import DetectorTable
 from tracer.scene.faces import FaceTable, given_parameters
@@ -60,7 +60,8 @@ Integers = NDArray[np.int64]
 class Compilation:
     """A scene ready to trace: arrays for the engine, names, channels and meshes for the map.
 
-    ``meshes`` are drawn; ``solids`` are the triangles that light meets, None without mesh bodies.
+    ``meshes`` are drawn; ``solids`` are the triangles that light meets, None without mesh bodies;
+    ``departures`` makes the lists of faces that a ray can meet next.
     """
 
     scene: Scene
@@ -68,7 +69,13 @@ class Compilation:
     directory: Directory
     channel_set: ChannelSet
     meshes: dict[int, DisplayMesh]
+    departures: Departures
     solids: SceneMeshes | None = None
+
+    def ordered(self, met: Integers) -> Compilation:
+        """The scene with faces in the order in which rays met them (see `Departures`)."""
+        found = self.departures.candidates(met)
+        return replace(self, arrays=self.arrays._replace(**_lists(found, self.arrays.plain)))
 
 
 def compile_scene(scene: Scene) -> Compilation:
@@ -124,7 +131,7 @@ class _Compiler:
         face_i, face_f, pool = faces.rows()
         surface_table = SurfaceTable(self.media, self.wavelengths, scene.origin)
         surface_i, surface_f, tables = surface_table.compile(faces.surface_models())
-        candidates = find_candidates([p.shape for p in faces.primitives], sources.boxes)
+        departures = Departures([p.shape for p in faces.primitives], sources.boxes)
         rare = self._rare_light()
         plain = _plain_faces(face_i, surface_i, self.media.integers)
         if rare is not None or detectors.virtual or detectors.views is not None:
@@ -161,13 +168,8 @@ class _Compiler:
             detector_i=detectors.integers,
             detector_f=detectors.numbers,
             pattern=sources.pattern,
-            first=candidates.first,
-            face=candidates.face,
-            distance=candidates.distance,
-            settle=candidates.settle,
-            settles=candidates.settles,
+            **_lists(departures.candidates(), plain),
             plain=plain,
-            target=candidates.bound_for(plain),
             tables=tables if _needs_tables(surface_i, self.media.integers) else None,
             sphere=np.array([*center, radius, *detectors.box(1e-9 * radius)]),
             limits=np.array([scene.limits.depth, world, detectors.virtual], np.int64),
@@ -183,6 +185,7 @@ class _Compiler:
             directory=self._directory(center, radius, sources.fluxes),
             channel_set=self._channel_set(sources.numbers[:, SOURCE_ROW:]),
             meshes=faces.meshes,
+            departures=departures,
             solids=faces.shelf.finish(),
         )
 
@@ -245,6 +248,18 @@ class _Compiler:
             absorption=_rows(self.media.absorption),
             source_colors=_rows(colors),
         )
+
+
+def _lists(candidates: Candidates, plain: NDArray[np.uint8]) -> dict[str, Any]:
+    """The lists of faces as columns of the compiled scene."""
+    return {
+        "first": candidates.first,
+        "face": candidates.face,
+        "distance": candidates.distance,
+        "settle": candidates.settle,
+        "settles": candidates.settles,
+        "target": candidates.bound_for(plain),
+    }
 
 
 _COMMON_FACES = {ANNULUS, RECTANGLE, SPHERE, CYLINDER, MESH}

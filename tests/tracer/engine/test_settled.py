@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,8 @@ import pytest
 
 from raymap.portion import Portion
 from tracer.engine.wavefront import Wavefront
+from tracer.rehearsal import order_faces
+from tracer.scene.arrays import F_OBJECT, F_TRIANGLE
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import load_scene, parse_scene
 
@@ -56,12 +59,47 @@ def test_settled_hits_are_the_nearest(name: str) -> None:
         scene = load_scene(SAMPLE, variants=("flood",) if name == "flood" else ())
     else:
         scene = parse_scene(crowd(int(name.split()[1])))
-    arrays = compile_scene(scene).arrays
+    compilation = compile_scene(scene)
+    arrays = compilation.arrays
     assert arrays.settles.any()
     unsettled = arrays._replace(settles=np.zeros_like(arrays.settles))
     found = Wavefront(arrays, 7).trace(0, 20_000)
     expected = Wavefront(unsettled, 7).trace(0, 20_000)
     _assert_same(found, expected)
+    # Faces are met whatever the order in which they are tried
+    rng = np.random.default_rng(2)
+    shape = len(arrays.first) - 1, len(arrays.face_i)
+    for met in (rng.integers(0, 1000, shape), rng.integers(0, 2, shape)):
+        _assert_same(Wavefront(compilation.ordered(met).arrays, 7).trace(0, 20_000), expected)
+
+
+def test_faces_are_tried_in_the_order_in_which_rays_meet_them() -> None:
+    compilation = compile_scene(load_scene(SAMPLE))
+    ordered = order_faces(compilation)
+    objects = compilation.directory.objects
+    faces = [
+        next(
+            f"{objects[obj].name}.{face.name}"
+            for face in objects[obj].faces
+            if 0 <= primitive - face.first_primitive < face.primitive_count
+        )
+        for obj, primitive in compilation.arrays.face_i[:, [F_OBJECT, F_TRIANGLE]].tolist()
+    ]
+    chain = (
+        "L1.front", "L1.back", "L2.front", "L2.back", "L3.back", "L4.front", "L4.back", "L5.back",
+        "L6.front", "L6.back",
+    )  # fmt: skip
+    for face, following in pairwise(chain):
+        departure = 2 * faces.index(face) + 1
+        target = ordered.arrays.target[departure]
+        assert target >= 0
+        met = ordered.arrays.face[ordered.arrays.first[departure] + target]
+        assert faces[met] == following
+    # Where no ray came by, the list stays as it was
+    start, stop = compilation.arrays.first[-2:]
+    np.testing.assert_array_equal(
+        ordered.arrays.face[start:stop], compilation.arrays.face[start:stop]
+    )
 
 
 @pytest.mark.parametrize("variant", ["", "coated", "spectral", "flood"])
