@@ -397,6 +397,9 @@ class _Run:
 
     def _portion(self, first: int, n: int, number: int) -> EncodedPortion | list[Portion] | None:
         """Trace and encode one portion (worker thread)."""
+        if self.writer is None and not self.pinholes and isinstance(self.engine, Wavefront):
+            self.tally.add(*self.engine.trace_counted(first, n))
+            return None
         portion = self._traced(first, n)
         self.tally.add(portion)
         if self.pinholes:

@@ -94,14 +94,14 @@ class Tally:
         kinds = [(item.flux, item.parameters.get("share")) for item in self.directory.sources]
         return np.array([known.setdefault(kind, len(known)) for kind in kinds], np.int64)
 
-    def add(self, portion: Portion) -> None:
-        """Add a portion."""
+    def add(self, portion: Portion, records: int | None = None) -> None:
+        """Add a portion; of one from which records were left out, say how many there were."""
         weight, emission = portion.weight, portion.emission
         weights = np.ones(0) if weight is None else np.asarray(weight, np.float64)
         emissions = np.zeros(0, np.int64) if emission is None else np.asarray(emission, np.int64)
         with self._lock:
             self.rays += portion.n_rays
-            self.records += portion.n_records
+            self.records += portion.n_records if records is None else records
             self.emitted += portion.emitted
             before = self._emissions
             self._emissions = _add_endings(

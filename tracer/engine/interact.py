@@ -45,7 +45,7 @@ from tracer.engine.lights import emit_light
 from tracer.engine.meetings import near_planes, pass_planes, pass_views, register_on_face
 from tracer.engine.nests import top_body
 from tracer.engine.random import advance, stream_state
-from tracer.engine.records import write_record
+from tracer.engine.records import ENDING, write_record
 from tracer.engine.refraction import DONE
 from tracer.engine.splitting import Twins, gather_twins, release_twin, twin_code, twin_event
 from tracer.engine.volumes import fly_freely, passes_surely
@@ -80,14 +80,6 @@ DEPTH_LIMIT = int(Event.DEPTH_LIMIT)
 GEOMETRY_ERROR = int(Event.GEOMETRY_ERROR)
 RIM_HIT = int(Event.RIM_HIT)
 MEDIUM_CHANGED = int(Event.MEDIUM_CHANGED)
-ENDING = int(
-    Event.SURFACE_ABSORPTION
-    | Event.VOLUME_ABSORPTION
-    | Event.LEFT_SCENE
-    | Event.DEPTH_LIMIT
-    | Event.ROULETTE_KILL
-    | Event.GEOMETRY_ERROR
-)
 
 _TOUCHING = 1e-9
 """Share of the scene's radius below which a meeting from the wrong side is rounding at an edge."""

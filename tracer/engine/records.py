@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.events import Event
 from raymap.kernels import inline_kernel, unsigned
 from tracer.engine.buffers import (
     CHAIN,
@@ -24,7 +25,17 @@ from tracer.engine.buffers import (
 )
 from tracer.scene.arrays import I32
 
-__all__ = ["write_record"]
+__all__ = ["ENDING", "write_record"]
+
+ENDING = int(
+    Event.SURFACE_ABSORPTION
+    | Event.VOLUME_ABSORPTION
+    | Event.LEFT_SCENE
+    | Event.DEPTH_LIMIT
+    | Event.ROULETTE_KILL
+    | Event.GEOMETRY_ERROR
+)
+"""Events of which the last record of a ray has exactly one."""
 
 
 @inline_kernel

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.kernels import inner_kernel, lean_kernel, number, unsigned
+from raymap.kernels import inline_kernel, inner_kernel, lean_kernel, number, unsigned
 from tracer.engine.buffers import (
     CHAIN,
     COLORS,
@@ -25,12 +25,14 @@ from tracer.engine.buffers import (
     R_CODE,
     R_MEDIUM,
     R_RAY,
+    RECORDS,
     TRIANGLE,
     Buffers,
     X,
     Y,
     Z,
 )
+from tracer.engine.records import ENDING
 from tracer.geometry.kinds import F64, I64
 from tracer.scene.arrays import I32
 
@@ -71,13 +73,21 @@ def store_block(
     filled: I64,
     color_map: I32,
     order: I32,
+    counted: bool,
 ) -> None:
     """Append the ``n`` rays of a finished block to the columns.
 
     ``filled`` counts rays, records, descriptors and mixed colours in the columns and is brought up
-    to date. The first ``n_sources`` rows of the colour table are the sources' colours.
+    to date. The first ``n_sources`` rows of the colour table are the sources' colours. With
+    ``counted`` only those records are kept at which rays end or that have descriptors.
     """
     words, ray_i, n_rays = b.words, b.ray_i, filled[0]
+    if counted:
+        for ray in range(n):
+            ray_i[N_RECORDS, ray] = 0
+        for r in range(b.counters[RECORDS]):
+            if _counts(words, r):
+                ray_i[N_RECORDS, unsigned(words[r, R_RAY])] += 1
     # Find the place of every record: rays in order, records of a ray as they happened
     total = number(0)
     for ray in range(n):
@@ -86,13 +96,21 @@ def store_block(
         columns.weight[n_rays + ray] = b.ray_f[ray]
         ray_i[N_RECORDS, ray] = total
         total += count
-    for r in range(total):
+    for r in range(b.counters[RECORDS]):
+        if counted and not _counts(words, r):
+            continue
         owner = unsigned(words[r, R_RAY])
         place = ray_i[N_RECORDS, owner]
         order[unsigned(place)] = r
         ray_i[N_RECORDS, owner] = place + 1
     copy_records(total, n_sources, b, columns, filled, color_map, order)
     filled[0] = n_rays + n
+
+
+@inline_kernel
+def _counts(words: I32, r: int) -> bool:
+    """Whether the tally of a trace needs a record."""
+    return bool((words[r, EVENT] & ENDING != 0) | (words[r, COUNT] > 0))
 
 
 @inner_kernel

@@ -124,7 +124,21 @@ class Wavefront:
 
         With ``reuse`` the columns are views of this thread's buffers, valid until its next call.
         """
+        return self._trace(first_ray, n_rays, reuse=reuse, counted=False)[0]
+
+    def trace_counted(self, first_ray: int, n_rays: int) -> tuple[Portion, int]:
+        """As `trace`, for counting only: most records are left out.
+
+        Kept are the records at which rays end and those with descriptors. Returns the portion,
+        valid until the next call, and how many records there were.
+        """
+        return self._trace(first_ray, n_rays, reuse=True, counted=not self.splits)
+
+    def _trace(
+        self, first_ray: int, n_rays: int, *, reuse: bool, counted: bool
+    ) -> tuple[Portion, int]:
         workspace, assembly = self._buffers()
+        records = 0
         assembly.start(n_rays)
         for start in range(0, n_rays, self.block):
             n = min(self.block, n_rays - start)
@@ -132,15 +146,16 @@ class Wavefront:
             if self.splits:
                 start_emissions(self._local.twins, n, workspace.buffers.counters)
             self._run(workspace, 0)
+            records += int(workspace.buffers.counters[RECORDS])
             if self.splits:
                 assembly.store_split(workspace, self._local.twins, n)
             else:
-                assembly.store(workspace, n)
+                assembly.store(workspace, n, counted=counted)
         emitted = emitted_counts(self.scene.pattern, len(self.scene.source_i), first_ray, n_rays)
         portion = assembly.portion(emitted, self.scene, first_ray, copy=not reuse)
-        if self.scene.rare is None:
-            return portion
-        return self._weighed(portion, assembly, first_ray, n_rays)
+        if self.scene.rare is not None:
+            portion = self._weighed(portion, assembly, first_ray, n_rays)
+        return portion, records if counted else portion.n_records
 
     def _weighed(
         self, portion: Portion, assembly: _Assembly, first_ray: int, n_rays: int
@@ -196,7 +211,7 @@ class Wavefront:
         return [
             *self._stage_tasks(b),
             task(emit_block, self.scene, 0, 0, 0, b),
-            task(store_block, 0, 0, b, assembly.columns, filled, few, few),
+            task(store_block, 0, 0, b, assembly.columns, filled, few, few, False),
             task(
                 run_steps, Stages(0, 0, 0), self.scene, self.faces, self._solids(), b,
                 self._twins(), 0,
@@ -283,8 +298,8 @@ class _Assembly:
         self._counts.clear()
         self._reserve(n_rays, 0, 0, self.n_sources)
 
-    def store(self, workspace: Workspace, n: int) -> None:
-        """Append the finished block of ``n`` rays."""
+    def store(self, workspace: Workspace, n: int, *, counted: bool = False) -> None:
+        """Append the finished block of ``n`` rays, as `store_block` does."""
         counters = workspace.buffers.counters
         self._reserve(
             int(self.filled[_RAYS]) + n,
@@ -295,6 +310,7 @@ class _Assembly:
         store_block(
             n, self.n_sources, workspace.buffers, self.columns, self.filled,
             np.empty(int(counters[COLORS]), np.int32), np.empty(int(counters[RECORDS]), np.int32),
+            counted,
         )  # fmt: skip
 
     def store_split(self, workspace: Workspace, twins: Twins, n: int) -> None:
