@@ -8,6 +8,7 @@ import numpy as np
 
 from raymap.colorimetry import channel_display_rgb, encode_srgb
 from tracer.crystals.media import biaxial, calcite
+from tracer.figures import save_figure, save_picture
 from tracer.lens import Glass, Lens
 from tracer.studies.cone import axial_cone, masked_cone
 from tracer.studies.lens_beams import parallel_beam
@@ -21,8 +22,6 @@ from tracer.studies.polarization_plots import (
     plot_levels,
     plot_michel_levy,
     plot_rings,
-    save_figure,
-    save_picture,
 )
 from tracer.studies.specimens import CrystalPlate
 

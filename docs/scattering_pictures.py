@@ -10,7 +10,7 @@ import raymap
 from query import detector_image
 from raymap.colorimetry import encode_srgb
 from tracer import record
-from tracer.studies.polarization_plots import save_figure
+from tracer.figures import save_figure
 
 ROOT = Path(__file__).parents[1]
 IMAGES = Path(__file__).parent / "images"

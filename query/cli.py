@@ -47,9 +47,15 @@ def query(
     limit: Annotated[int | None, typer.Option(min=1, help="Those with smallest numbers.")] = None,
     explain: Annotated[bool, typer.Option("--explain", help="Plan; rays of each part.")] = False,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Write .parquet .arrow .csv .raymap.")
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            help="Write .parquet .arrow .csv .raymap; an existing table is replaced.",
+        ),
     ] = None,
     rows: Annotated[str, typer.Option(help="Rows of the output: segments or rays.")] = "segments",
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing map, too.")] = False,
     filter_string: Filter = False,
     threads: Threads = None,
     scheduler: Scheduler = None,
@@ -64,7 +70,7 @@ def query(
     if output is not None:
         from query.output import check_target
 
-        check_target(output, rows)
+        check_target(output, rows, force=force)
     with Opened(map, strict) as ray_map, workers(scheduler) as executor:
         asked = read_criterion(criterion, ray_map, filter_string)
         if explain:
@@ -186,7 +192,10 @@ def image(
     detector: Annotated[str, typer.Argument(help="Name of the detector.")],
     criterion: Criterion = None,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", help=".png .tiff .exr .csv or .npy")
+        Path | None,
+        typer.Option(
+            "-o", "--output", help=".png .tiff .exr .csv or .npy; an existing file is replaced."
+        ),
     ] = None,
     kind: Annotated[
         str,

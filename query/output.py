@@ -17,12 +17,16 @@ SUFFIXES = (".raymap", ".parquet", ".arrow", ".csv")
 _ROWS = ("segments", "rays")
 
 
-def check_target(path: Path, rows: str) -> None:
+def check_target(path: Path, rows: str, *, force: bool = True) -> None:
     """Refuse what could not be written, before the search begins.
+
+    Parameters
+    ----------
+    force : replace an existing ray map; an existing table always is
 
     Raises
     ------
-    RayMapError
+    RayMapError, MapExists
     """
     if path.suffix.lower() in RAY_FILES:
         raise RayMapError(
@@ -35,6 +39,8 @@ def check_target(path: Path, rows: str) -> None:
         raise RayMapError(f"rows are {' or '.join(_ROWS)}, not {rows!r}")
     if not path.parent.is_dir():
         raise RayMapError(f"there is no folder {path.parent} to write {path.name} into")
+    if path.suffix.lower() == ".raymap" and path.exists() and not force:
+        raise MapExists(f"{path} exists: choose another name, or replace it with --force")
 
 
 def to_arrow(selection: Selection, rows: str = "segments") -> Any:
@@ -60,7 +66,7 @@ def write(selection: Selection, path: Path, rows: str, *, force: bool) -> Path:
     """
     check_target(path, rows)
     if path.exists() and not force:
-        raise MapExists(f"{path} exists; nothing was written over")
+        raise MapExists(f"{path} exists: choose another name, or write over it with force=True")
     source = getattr(selection.map, "path", None)
     if isinstance(source, Path) and path.exists() and source.exists() and path.samefile(source):
         raise MapExists(f"{path} is the map that the selection comes from; choose another name")

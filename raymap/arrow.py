@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 from collections.abc import Callable, Iterator
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from raymap.errors import DamagedPortion, MapExists, RayMapError
 from raymap.portion import Portion
 from raymap.reader import RayMap
-from raymap.replacing import replacing
+from raymap.replacing import NotWritten, replacing
 from raymap.rows import take_rays
 from raymap.schema import COLOR_SCALE, NORMAL_SCALE, UV_SCALE
 from raymap.selection import places_in
@@ -388,23 +389,29 @@ def _export_folder(
     rows: Rows,
     ray_ids: NDArray[np.int64] | None,
 ) -> int:
-    folder.mkdir(parents=True, exist_ok=True)
+    """Parts of an earlier export stand there until all of this one are written."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise NotWritten(folder, os.strerror(error.errno or 0)) from None
+    earlier = set(folder.glob("part-[0-9][0-9][0-9][0-9][0-9].parquet"))
     n = 0
-    part = 0
+    parts: list[Path] = []
     pending: list[pa.RecordBatch] = []
+    with contextlib.ExitStack() as whole:
 
-    def flush() -> None:
-        nonlocal part
-        with replacing(folder / f"part-{part:05d}.parquet") as temporary:
-            _parquet(temporary, schema, iter(pending))
-        pending.clear()
-        part += 1
+        def flush() -> None:
+            parts.append(folder / f"part-{len(parts):05d}.parquet")
+            _parquet(whole.enter_context(replacing(parts[-1])), schema, iter(pending))
+            pending.clear()
 
-    for batch in batches(ray_map, rows, ray_ids, schema):
-        pending.append(batch)
-        n += batch.num_rows
-        if sum(each.num_rows for each in pending) >= _BATCH * 16:
+        for batch in batches(ray_map, rows, ray_ids, schema):
+            pending.append(batch)
+            n += batch.num_rows
+            if sum(each.num_rows for each in pending) >= _BATCH * 16:
+                flush()
+        if pending or not parts:
             flush()
-    if pending or part == 0:
-        flush()
+    for path in earlier.difference(parts):
+        path.unlink()
     return n

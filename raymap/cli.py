@@ -130,14 +130,19 @@ def repair(
 def export(
     map: Annotated[Path, typer.Argument(help="A ray map, or a folder of them.")],
     output: Annotated[
-        str, typer.Option("--output", "-o", help="*.parquet, *.arrow, *.csv, or a folder, as DIR/.")
+        str,
+        typer.Option(
+            "--output",
+            "-o",
+            help="*.parquet, *.arrow, *.csv, or a folder, as DIR/. An existing table is replaced.",
+        ),
     ],
     rows: Annotated[str, typer.Option(help="segments (one row per record) or rays.")] = "segments",
     form: Annotated[
         str | None,
         typer.Option("--format", help="parquet, arrow, csv or folder, whatever the file's name."),
     ] = None,
-    force: Annotated[bool, typer.Option(help="Replace an existing file.")] = False,
+    force: Annotated[bool, typer.Option(hidden=True, help="Replace an existing map, too.")] = False,
     strict: Strict = False,
 ) -> None:
     """Write a map as a table for DuckDB, Polars, pandas, Spark."""
@@ -155,7 +160,11 @@ def export(
     with open_map(map, strict) as ray_map:
         known = len(ray_map.damage)
         n = write(
-            ray_map, output, rows=cast(Rows, rows), force=force, form=cast("Form | None", form)
+            ray_map,
+            output,
+            rows=cast(Rows, rows),
+            force=force or Path(output).suffix.lower() != ".raymap",
+            form=cast("Form | None", form),
         )
         warn_of_damage(ray_map, known)
     typer.echo(f"{output}: {n} rows written")

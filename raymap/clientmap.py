@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.replacing import replacing
+
 if TYPE_CHECKING:
     from raymap.client import Service
 
@@ -132,7 +134,8 @@ class RemoteMap:
                  "height": height, "color": color, "view": view}  # fmt: skip
         data: bytes = self.service.table("picture", asked).column("png")[0].as_py()
         if out is not None:
-            Path(out).write_bytes(data)
+            with replacing(Path(out)) as beside:
+                beside.write_bytes(data)
         return data
 
     def view(

@@ -27,6 +27,8 @@ class NotWritten(RayMapError):
 def replacing(target: Path) -> Iterator[Path]:
     """A name beside the target; the file there takes the target's place if all goes well.
 
+    A link stays a link: the file that it leads to is replaced.
+
     Raises
     ------
     NotWritten
@@ -34,10 +36,13 @@ def replacing(target: Path) -> Iterator[Path]:
     """
     if target.is_dir():
         raise NotWritten(target, "it is a folder; name a file")
-    temporary = target.with_name(f".{target.name}.{os.getpid()}.part")
+    if target.exists() and not target.is_file():
+        raise NotWritten(target, "it is a device; name a file")
+    place = Path(os.path.realpath(target)) if target.is_symlink() else target
+    temporary = place.with_name(f".{place.name}.{os.getpid()}.part")
     try:
         yield temporary
-        os.replace(temporary, target)
+        os.replace(temporary, place)
     except BaseException as error:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)

@@ -223,7 +223,10 @@ class _Display:
 def check(
     scene: SceneArgument,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Write a section drawing (SVG).")
+        Path | None,
+        typer.Option(
+            "--output", "-o", help="Write a section drawing (SVG); an existing one is replaced."
+        ),
     ] = None,
     variant: Variant = None,
     simulation: Simulation = None,

@@ -27,7 +27,9 @@ def register(app: typer.Typer) -> None:
 def picture(
     map: Map,
     criterion: Annotated[str | None, typer.Argument(help="Which rays; all if left out.")] = None,
-    out: Annotated[Path, typer.Option("--out", "-o", help="PNG file to write.")] = ...,  # type: ignore[assignment]
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="PNG file to write; an existing one is replaced.")
+    ] = ...,  # type: ignore[assignment]
     rays: Rays = 500,
     color: Annotated[
         str,

@@ -106,6 +106,8 @@ def picture(
         raise RayMapError(
             f"a picture is 16 to {MAX_SIDE} pixels wide and high, not {width}x{height}"
         )
+    if out is not None and Path(out).suffix.lower() != ".png":
+        raise RayMapError(f"pictures end in .png, not {Path(out).name!r}")
     if color is not None and color not in COLOR_RULES:
         raise RayMapError(f"no colour rule {color!r}; there are {', '.join(COLOR_RULES)}")
     if view is not None and view not in STANDARD_VIEWS:

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 from raymap.errors import RayMapError
+from raymap.replacing import replacing
 
 __all__ = [
     "COLOR_RULES",
@@ -300,7 +301,8 @@ def state_from_address(text: str) -> ViewState:
 def save_state(state: ViewState, path: str | Path) -> None:
     """Write the session to a small JSON file."""
     text = json.dumps(state_to_json(state), indent=1, ensure_ascii=False)
-    Path(path).write_text(text + "\n", encoding="utf-8")
+    with replacing(Path(path)) as beside:
+        beside.write_text(text + "\n", encoding="utf-8")
 
 
 def load_state(path: str | Path) -> ViewState:

@@ -73,7 +73,7 @@ def create(
     if not path.parent.is_dir():
         raise RayFileError(f"there is no folder {path.parent} to write {path.name} into")
     if path.exists() and not force:
-        raise MapExists(f"{path} exists; nothing was written over")
+        raise MapExists(f"{path} exists: choose another name, or replace it with --force")
     with replacing(path) as beside, beside.open("wb") as file:
         writer: Any
         if suffix == ".tm25ray":

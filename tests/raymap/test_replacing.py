@@ -53,3 +53,19 @@ def test_other_errors_are_not_changed(tmp_path: Path) -> None:
     with pytest.raises(RayMapError, match="it is a folder"), replacing(tmp_path):
         pass
     assert not list(tmp_path.iterdir())
+
+
+def test_a_link_stays_a_link(tmp_path: Path) -> None:
+    (tmp_path / "disk").mkdir()
+    place, link = tmp_path / "disk" / "b.txt", tmp_path / "a.txt"
+    place.write_text("old")
+    link.symlink_to(place)
+    with replacing(link) as beside:
+        beside.write_text("new")
+    assert link.is_symlink()
+    assert place.read_text() == "new"
+
+
+def test_a_device_is_no_file() -> None:
+    with pytest.raises(RayMapError, match="it is a device"), replacing(Path("/dev/null")):
+        pass

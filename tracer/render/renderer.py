@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from raymap.colorimetry import encode_srgb
 from raymap.errors import SceneError
+from raymap.replacing import replacing
 from tracer.crystals.bodies import BodyArrays, CrystalBody, compile_bodies
 from tracer.crystals.media import Crystal, isotropic
 from tracer.crystals.rows import ISOTROPIC, KIND
@@ -288,16 +289,15 @@ def _load_state(path: Path, work: _Work, fingerprint: str) -> set[tuple[int, int
 
 
 def _save_state(path: Path, work: _Work, fingerprint: str, done: set[tuple[int, int]]) -> None:
-    beside = path.with_name(path.name + ".part.npz")
-    np.savez(
-        beside,
-        fingerprint=fingerprint,
-        spectral=work.spectral,
-        bound=work.bound,
-        truncated=work.truncated,
-        done=np.array(sorted(done), np.int64).reshape(-1, 2),
-    )
-    os.replace(beside, path)
+    with replacing(path) as beside, beside.open("wb") as file:
+        np.savez(
+            file,
+            fingerprint=fingerprint,
+            spectral=work.spectral,
+            bound=work.bound,
+            truncated=work.truncated,
+            done=np.array(sorted(done), np.int64).reshape(-1, 2),
+        )
 
 
 def render(

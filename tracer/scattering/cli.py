@@ -26,7 +26,11 @@ def fit_scattering(
     data: Annotated[Path, typer.Argument(help="A measurement file (TOML).", show_default=False)],
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="Folder for material file, table, report, plots."),
+        typer.Option(
+            "--output",
+            "-o",
+            help="Folder for material file, table, report, plots; existing ones are replaced.",
+        ),
     ] = None,
     gamma: Annotated[
         float | None, typer.Option(help="Hold the exponent instead of searching it.")
@@ -187,7 +191,10 @@ def goniophotometer(
     rms_slope: Annotated[float, typer.Option(min=0, help="Roughness of both faces.")] = 0.0,
     weighted: Annotated[bool, typer.Option("--weighted", help="Weighted estimator.")] = False,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Folder for tables and plots.")
+        Path | None,
+        typer.Option(
+            "--output", "-o", help="Folder for tables and plots; existing ones are replaced."
+        ),
     ] = None,
     json: Json = False,
 ) -> None:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from raymap.replacing import replacing
 from tracer.scattering.fit_material import MaterialFit
 from tracer.scattering.goniophotometer import Goniogram
 
@@ -93,10 +94,9 @@ def goniogram_csv(light: Goniogram) -> str:
 
 
 def write_result(path: Path, text: str) -> None:
-    """Write a text beside its place and move it there, so that no half file is left."""
-    temporary = path.with_name(path.name + ".part")
-    temporary.write_text(text, encoding="utf-8")
-    temporary.replace(path)
+    """Write a text beside its place and rename it."""
+    with replacing(path) as beside:
+        beside.write_text(text, encoding="utf-8")
 
 
 def _key(name: str) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from raymap.errors import MissingExtra
+from tracer.figures import save_figure
 from tracer.scattering.fit_material import MaterialFit
 from tracer.scattering.goniophotometer import Goniogram
 
@@ -70,7 +71,7 @@ def plot_parameters(fit: MaterialFit, path: Path) -> None:
     axis.set(xlabel="g held (spectral average)", ylabel="χ² above its minimum", ylim=(0.0, 6.0))
     axis.grid(alpha=0.25)
     figure.suptitle(fit.name)
-    figure.savefig(path, dpi=110)
+    save_figure(figure, path, dpi=110)
     plt.close(figure)
 
 
@@ -107,7 +108,7 @@ def plot_measured(fit: MaterialFit, path: Path) -> None:
     for axis in axes:
         axis.grid(alpha=0.25)
     figure.suptitle(f"{fit.name}: measured (points) and computed (lines)")
-    figure.savefig(path, dpi=110)
+    save_figure(figure, path, dpi=110)
     plt.close(figure)
 
 
@@ -157,7 +158,7 @@ def plot_goniogram(light: Goniogram, path: Path, *, title: str = "") -> None:
         + f"R = {light.reflectance:.4f} ± {light.reflectance_se:.4f}, "
         + f"T = {light.transmittance:.4f} ± {light.transmittance_se:.4f}"
     )
-    figure.savefig(path, dpi=110)
+    save_figure(figure, path, dpi=110)
     plt.close(figure)
 
 
@@ -210,5 +211,5 @@ def plot_spectrum(spectrum: Sequence[Goniogram], path: Path, *, title: str = "")
              title=title)  # fmt: skip
     axis.grid(alpha=0.25)
     axis.legend(frameon=False)
-    figure.savefig(path, dpi=110)
+    save_figure(figure, path, dpi=110)
     plt.close(figure)

@@ -25,8 +25,13 @@ Apertures = Annotated[
 GlassName = Annotated[str, typer.Option(help="A glass by name, or a refractive index.")]
 Wavelength = Annotated[float, typer.Option(help="Vacuum wavelength [nm].")]
 Depth = Annotated[int, typer.Option(help="Deepest level of the trees.")]
-Plot = Annotated[Path | None, typer.Option("-o", "--output", help="Write a plot.")]
-Picture = Annotated[Path, typer.Option("-o", "--output", help="Picture to write.")]
+Plot = Annotated[
+    Path | None,
+    typer.Option("-o", "--output", help="Write a plot; an existing file is replaced."),
+]
+Picture = Annotated[
+    Path, typer.Option("-o", "--output", help="Picture to write; an existing one is replaced.")
+]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
 
 LINE_D = 587.5618
@@ -87,7 +92,8 @@ def lens_levels(
     beam = parallel_beam(lens, rays, wavelength_nm=wavelength, field_deg=field)
     shares = level_shares(lens, beam, depth=depth, mode=mode)
     if output is not None:
-        from tracer.studies.polarization_plots import plot_levels, save_figure
+        from tracer.figures import save_figure
+        from tracer.studies.polarization_plots import plot_levels
 
         heights = np.linspace(0.0, lens.semi_aperture_front, 600, endpoint=False)
         by_height = shares_by_height(
@@ -145,7 +151,8 @@ def lens_cone(
         numbers["half_angle_deg"] = math.degrees(cone.half_angle)
         numbers["intervals_deg"] = [list(np.rad2deg(pair)) for pair in cone.intervals]
     if output is not None:
-        from tracer.studies.polarization_plots import plot_cones, save_figure
+        from tracer.figures import save_figure
+        from tracer.studies.polarization_plots import plot_cones
 
         distances = np.linspace(0.25, 5.0, 40) * abs(point[2])
         depths = sorted({1, 2, depth})
@@ -198,7 +205,8 @@ def lens_vignetting(
     angles = np.linspace(0.0, field, steps)
     result = vignetting(lens, angles, wavelength_nm=wavelength, depth=depth, rays=rays)
     if output is not None:
-        from tracer.studies.polarization_plots import plot_vignetting, save_figure
+        from tracer.figures import save_figure
+        from tracer.studies.polarization_plots import plot_vignetting
 
         save_figure(plot_vignetting(result), output)
     rows = [
@@ -244,9 +252,9 @@ def lens_picture(
 ) -> None:
     """Picture of a board of squares seen through a lens."""
     from raymap.colorimetry import encode_srgb
+    from tracer.figures import save_picture
     from tracer.studies.lens_pictures import LensCamera
     from tracer.studies.lens_pictures import lens_picture as render
-    from tracer.studies.polarization_plots import save_picture
 
     lens = _lens(radii, thickness, semi_apertures, glass)
     camera = LensCamera(eye=(0.0, 0.0, -70.0), half_angle_deg=15.0, pixels=pixels)

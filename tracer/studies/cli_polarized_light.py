@@ -13,7 +13,9 @@ if TYPE_CHECKING:
 
 __all__ = ["microscope", "record_polarized"]
 
-Picture = Annotated[Path, typer.Option("-o", "--output", help="Picture to write.")]
+Picture = Annotated[
+    Path, typer.Option("-o", "--output", help="Picture to write; an existing one is replaced.")
+]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
 
 
@@ -44,11 +46,11 @@ def microscope(
 ) -> None:
     """Conoscopic figure of a crystal plate under the polarising microscope."""
     from raymap.cli import emit_json
+    from tracer.figures import save_picture
     from tracer.optics.polarization_elements import Retarder
     from tracer.studies.interference_colors import srgb_of
     from tracer.studies.microscope import Microscope, conoscopy
     from tracer.studies.microscope_bench import bench_conoscopy
-    from tracer.studies.polarization_plots import save_picture
 
     plate = _plate(crystal, thickness, tilt, stage)
     view = Microscope(

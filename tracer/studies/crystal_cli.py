@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from raymap.cli import emit_json
-from raymap.errors import MapExists, RayMapError
+from raymap.errors import RayMapError
 
 __all__ = ["register"]
 
@@ -29,7 +29,8 @@ def verify_crystals(
         str, typer.Option(help="Local model to verify, module:function; default Raymap's own.")
     ] = "",
     pictures: Annotated[
-        Path | None, typer.Option("--pictures", "-o", help="Folder for the pictures.")
+        Path | None,
+        typer.Option("--pictures", "-o", help="Folder for the pictures; its own are replaced."),
     ] = None,
     scenes: Annotated[
         Path | None, typer.Option(help="Folder of configuration files that replace the supplied.")
@@ -80,13 +81,18 @@ def verify_crystals(
 
 def render(
     scene: Annotated[Path, typer.Argument(help="Scene of crystals in a room, TOML.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Picture, .png or .exr.")],
+    output: Annotated[
+        Path,
+        typer.Option("--output", "-o", help="Picture, .png or .exr; an existing one is replaced."),
+    ],
     threads: Annotated[int | None, typer.Option(help="Threads; default all cores.")] = None,
     width: Annotated[int | None, typer.Option(help="Another width of the picture.")] = None,
     analyser: Annotated[
         float | None, typer.Option(help="Analyser before the camera, degrees from horizontal.")
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing picture.")] = False,
+    force: Annotated[
+        bool, typer.Option("--force", hidden=True, help="Pictures are replaced anyway.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")] = False,
 ) -> None:
     """Render crystals in a room of glowing walls; an interrupted picture goes on when run again."""
@@ -101,8 +107,6 @@ def render(
 
     if output.suffix.lower() not in (".png", ".exr"):
         raise SceneError(f"picture {str(output)!r}: write .png or .exr")
-    if output.exists() and not force:
-        raise MapExists(f"{str(output)!r} exists; use --force to replace it")
     description = load_render_scene(scene)
     if width is not None:
         if width < 1:

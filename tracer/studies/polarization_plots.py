@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from raymap.errors import MissingExtra
 from tracer.studies.cone import AxialCone, MaskedCone
@@ -25,8 +24,6 @@ __all__ = [
     "plot_michel_levy",
     "plot_rings",
     "plot_vignetting",
-    "save_figure",
-    "save_picture",
 ]
 
 Real = NDArray[np.float64]
@@ -46,26 +43,6 @@ def _figure(width: float, height: float, columns: int = 1) -> tuple[Figure, Any]
     for ax in axes:
         ax.spines[["top", "right"]].set_visible(False)
     return figure, axes
-
-
-def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure; the suffix chooses the format."""
-    figure.savefig(path, dpi=140)
-
-
-def save_picture(rgb: ArrayLike, path: Path, *, enlarge: int = 1) -> None:
-    """Write encoded sRGB (rows, columns, 3), 0 .. 1, first row on top."""
-    try:
-        from PIL import Image
-    except ImportError:
-        raise MissingExtra("pictures need pillow: pip install 'raymap[view]'") from None
-    values = np.clip(np.asarray(rgb, np.float64), 0.0, 1.0)
-    picture = Image.fromarray(np.round(values * 255.0).astype(np.uint8))
-    if enlarge > 1:
-        picture = picture.resize(
-            (picture.width * enlarge, picture.height * enlarge), Image.Resampling.NEAREST
-        )
-    picture.save(path)
 
 
 def plot_levels(

@@ -9,6 +9,7 @@ from xml.sax.saxutils import escape
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.errors import RayMapError
 from raymap.replacing import replacing
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.model import Scene
@@ -21,7 +22,14 @@ _RAYS = 15
 
 
 def draw_section(scene: Scene, path: str | Path) -> None:
-    """Write the section through x = 0, z to the right and y upward, as an SVG file."""
+    """Write the section through x = 0, z to the right and y upward, as an SVG file.
+
+    Raises
+    ------
+    RayMapError
+    """
+    if Path(path).suffix.lower() != ".svg":
+        raise RayMapError(f"a section drawing ends in .svg, not {Path(path).name!r}")
     text = section_svg(compile_scene(scene))
     with replacing(Path(path)) as beside:
         beside.write_text(text, encoding="utf-8")

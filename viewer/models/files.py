@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast, get_args
 
 from raymap.errors import MapExists, RayMapError
+from raymap.replacing import replacing
 from viewer.export import to_glb, to_gltf, to_vtp
 from viewer.models.content import Content, Grouping, gather
 from viewer.rendering import write_beside
@@ -100,12 +101,8 @@ def _write(content: Content, target: Path, suffix: str) -> None:
     if suffix in (".step", ".stp"):
         from viewer.models.step import write_step
 
-        beside = target.with_name(f".{target.stem}.{os.getpid()}.step")
-        try:
+        with replacing(target) as beside:
             write_step(content, beside)
-            os.replace(beside, target)
-        finally:
-            beside.unlink(missing_ok=True)
         return
     if suffix == ".dxf":
         from viewer.models.dxf import to_dxf
