@@ -246,6 +246,38 @@ def test_a_rectangle_on_the_detector_selects(page: Page, server: RunningServer) 
     page.wait_text("answer", "1,200 of")
 
 
+def test_the_path_table_fills_its_panel(page: Page) -> None:
+    def bottoms() -> tuple[float, float, float]:
+        """Lower edges of the table's part, of its last row, and of the panel."""
+        return tuple(
+            page.tab.evaluate(
+                """() => ['.rm-paths .rm-scroll', '.rm-paths tr:last-child', '.rm-paths']
+                    .map(name => [...document.querySelectorAll(name)].at(-1)
+                        .getBoundingClientRect().bottom)"""
+            )
+        )
+
+    page.show("paths")
+    page.get("path-table").wait_for()
+    page.get("ghost-matrix").wait_for()
+    page.ask('count(hit("*", reflected)) < 2')
+    page.get("ghost-matrix").wait_for(state="hidden")
+    page.get("path-0").wait_for()
+    # What is shorter than the panel stands there whole
+    table, row, panel = bottoms()
+    assert row <= table + 1 < panel
+    # What is longer reaches its lower end; only the padding is left
+    page.tab.set_viewport_size({"width": 1440, "height": 400})
+    table, row, panel = bottoms()
+    assert row > table
+    assert panel - 13 <= table <= panel
+    # Beside the ghost matrix the table keeps some rows, and the panel scrolls
+    page.ask("")
+    page.get("ghost-matrix").wait_for()
+    height = page.tab.evaluate("document.querySelector('.rm-scroll').clientHeight")
+    assert height >= 195
+
+
 def test_paths_are_shown_alone_and_together(page: Page, server: RunningServer) -> None:
     page.ask(GHOSTS)
     page.show("paths")
