@@ -7,15 +7,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.directory import FaceTable
 from raymap.errors import InvalidPortion
-from raymap.itineraries import assign_faces, sum_colors, sum_weighted_colors
+from raymap.itineraries import sum_colors, sum_weighted_colors
 from raymap.paths import PathDictionary
 from raymap.pathwords import (
     FaceColumns,
     PathWords,
     RayColumns,
     enter_hashes,
+    name_faces,
     number_rays,
     words_needed,
     write_paths,
@@ -37,6 +37,11 @@ __all__ = [
 MAX_SHARE = 0.5
 """A dictionary with more different paths than this share of the rays is not worth keeping."""
 
+_EARLY = 8
+"""After this part of the rays it is judged whether going on is worth it."""
+_SURELY = 1.2
+_FEWEST = 4096
+
 _SPREAD = np.uint64(0x9FB21C651E98DF25)
 _NO_FACES = FaceColumns(*(np.empty(0, np.int32) for _ in range(5)))
 
@@ -48,8 +53,7 @@ class Itineraries(NamedTuple):
     ----------
     source : (n,) int16
     offsets : (n + 1,) int64, points of path (or ray) i are rows offsets[i]:offsets[i + 1]
-    object, face, event, medium : (n_points,)
-    meeting_offsets : (n_points + 1,) int64
+    object, face, event, medium, meetings : (n_points,)
     detector, registered : (n_meetings,)
     """
 
@@ -59,7 +63,7 @@ class Itineraries(NamedTuple):
     face: NDArray[np.int32]
     event: NDArray[np.int32]
     medium: NDArray[np.int16]
-    meeting_offsets: NDArray[np.int64]
+    meetings: NDArray[np.uint16]
     detector: NDArray[np.int16]
     registered: NDArray[np.bool_]
 
@@ -88,8 +92,14 @@ def offsets_of(counts: NDArray[Any]) -> NDArray[np.int64]:
     return offsets
 
 
-def itineraries_of(portion: Portion, faces: FaceTable, offsets: NDArray[np.int64]) -> Itineraries:
+def itineraries_of(
+    portion: Portion, faces: FaceColumns, offsets: NDArray[np.int64]
+) -> tuple[Itineraries, NDArray[np.int32]]:
     """The itineraries of a portion's rays, which begin at ``offsets``.
+
+    Returns
+    -------
+    itineraries, explicit : the latter as in `FoundPaths`
 
     Raises
     ------
@@ -97,27 +107,23 @@ def itineraries_of(portion: Portion, faces: FaceTable, offsets: NDArray[np.int64
         A record names an object or a primitive that the directory does not have.
     """
     face = scratch("faces", portion.n_records, np.int32)
-    bad = assign_faces(
-        portion.object,
-        portion.triangle,
-        faces.first_face,
-        faces.first_primitive,
-        faces.primitive_count,
-        face,
-    )
-    if bad >= 0:
-        raise _foreign(portion, bad)
-    return Itineraries(
+    explicit = scratch("explicit", portion.n_records, np.int32)
+    found = np.zeros(3, np.int64)
+    name_faces(portion.object, portion.triangle, faces, face, explicit, found)
+    if found[2] >= 0:
+        raise _foreign(portion, int(found[2]))
+    table = Itineraries(
         portion.source,
         offsets,
         portion.object,
         face,
         portion.event,
         portion.medium,
-        offsets_of(portion.descriptor_count),
+        portion.descriptor_count,
         portion.descriptors.detector,
         portion.descriptors.registered,
     )
+    return table, explicit[: found[1]]
 
 
 def _foreign(portion: Portion, record: int) -> InvalidPortion:
@@ -154,31 +160,7 @@ def find_paths(
     paths.table.fill(-1)
     group = scratch("group", n_rays, np.uint32)
     explicit = scratch("explicit", n_records, np.int32)
-    found = np.zeros(3, np.int64)
-    number_rays(
-        RayColumns(
-            portion.source,
-            portion.records_per_ray,
-            portion.object,
-            portion.triangle,
-            portion.event,
-            portion.medium,
-            portion.descriptor_count,
-            meetings.detector,
-            meetings.registered.view(np.uint8),
-        ),
-        faces,
-        paths,
-        0,
-        limit,
-        spread,
-        group,
-        explicit,
-        found,
-    )
-    n_paths, n_explicit, bad = (int(value) for value in found)
-    if bad >= 0:
-        raise _foreign(portion, bad)
+    n_paths, n_explicit = _number_all(portion, faces, paths, limit, spread, group, explicit)
     if n_paths < 0:
         return None
     # Number the paths by descending number of rays
@@ -187,6 +169,63 @@ def find_paths(
     rank = np.empty(n_paths, np.uint32)
     rank[order] = np.arange(n_paths, dtype=np.uint32)
     return FoundPaths(_unpacked(paths, order), rank[group], rays[order], explicit[:n_explicit])
+
+
+def _number_all(
+    portion: Portion,
+    faces: FaceColumns,
+    paths: PathWords,
+    limit: int,
+    spread: np.uint64,
+    numbers: NDArray[np.uint32],
+    explicit: NDArray[np.int32],
+) -> tuple[int, int]:
+    """Number the paths of a portion's rays: how many there are, and how many explicit primitives.
+
+    -1 where there are more than the limit, or where what the first rays bring foretells it.
+    """
+    d = portion.descriptors
+    n_rays = portion.n_rays
+    part = n_rays // _EARLY
+    stops = [n_rays] if part < _FEWEST // _EARLY else [part // 2, part, n_rays]
+    found = np.zeros(3, np.int64)
+    n_paths, n_before, n_explicit, start, record, meeting = 0, 0, 0, 0, 0, 0
+    for stop in stops:
+        number_rays(
+            RayColumns(
+                portion.source[start:stop],
+                portion.records_per_ray[start:stop],
+                portion.object[record:],
+                portion.triangle[record:],
+                portion.event[record:],
+                portion.medium[record:],
+                portion.descriptor_count[record:],
+                d.detector[meeting:],
+                d.registered.view(np.uint8)[meeting:],
+            ),
+            faces,
+            paths,
+            n_paths,
+            limit,
+            spread,
+            numbers[start:stop],
+            explicit[n_explicit:],
+            found,
+        )
+        if found[2] >= 0:
+            raise _foreign(portion, record + int(found[2]))
+        n_before, n_paths = n_paths, int(found[0])
+        # Paths that grow as a power of the rays go on to do so, or slower
+        if n_paths < 0 or (
+            stop == part and n_paths * (n_paths / n_before) ** np.log2(_EARLY) > _SURELY * limit
+        ):
+            return -1, 0
+        n_explicit += int(found[1])
+        if stop < n_rays:
+            ahead = int(portion.records_per_ray[start:stop].sum())
+            meeting += int(portion.descriptor_count[record : record + ahead].sum())
+            start, record = stop, record + ahead
+    return n_paths, n_explicit
 
 
 def _unpacked(paths: PathWords, order: NDArray[np.int64]) -> Itineraries:
@@ -207,8 +246,7 @@ def _unpacked(paths: PathWords, order: NDArray[np.int64]) -> Itineraries:
         np.empty(n_meetings, np.int16),
         np.empty(n_meetings, np.uint8),
     )
-    meeting_offsets = np.empty(n_points + 1, np.int64)
-    write_paths(order, paths, offsets, columns, meeting_offsets)
+    write_paths(order, paths, offsets, columns)
     return Itineraries(
         columns.source,
         offsets,
@@ -216,7 +254,7 @@ def _unpacked(paths: PathWords, order: NDArray[np.int64]) -> Itineraries:
         columns.primitive,
         columns.event,
         columns.medium,
-        meeting_offsets,
+        columns.meetings,
         columns.detector,
         columns.registered.view(np.bool_),
     )
@@ -288,7 +326,7 @@ class PathMerger:
             face=table.face,
             event=table.event,
             medium=table.medium,
-            detector_offsets=table.meeting_offsets,
+            detector_offsets=offsets_of(table.meetings),
             detector=table.detector,
             registered=table.registered,
             rays=self._rays[:n].copy(),

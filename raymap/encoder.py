@@ -24,10 +24,10 @@ from raymap.geometry import (
     gather_coordinates,
     imply_normals,
     normal_residuals,
+    other_residuals,
     position_residuals,
     resolve_codes,
 )
-from raymap.itineraries import explicit_triangles
 from raymap.layout import PORTION, pack_chunk_header
 from raymap.meetings import compile_detectors, encode_meetings
 from raymap.paths import PathDictionary
@@ -37,7 +37,14 @@ from raymap.portion import Portion
 from raymap.portionmeta import DESCRIPTOR_STREAMS, Encoding, PortionMeta
 from raymap.schema import COLOR_SCALE
 from raymap.scratch import BufferPool, scratch
-from raymap.shapes import LEFT_SCENE, RayShapes, ShapeTable, compile_shapes, shape_codes
+from raymap.shapes import (
+    LEFT_SCENE,
+    RayPoints,
+    RayShapes,
+    ShapeTable,
+    compile_shapes,
+    shape_codes,
+)
 from raymap.streams import Scope, StreamSet
 
 __all__ = ["EncodedPortion", "PortionEncoder"]
@@ -110,11 +117,10 @@ class PortionEncoder:
         found = None if self.raw or not portion.n_rays else find_paths(portion, self._faces)
         paths = None
         if found is None:
-            table = itineraries_of(portion, self.faces, offsets)
+            table, explicit = itineraries_of(portion, self._faces, offsets)
             path_numbers = np.arange(portion.n_rays, dtype=np.uint32)
             n_paths, n_points = portion.n_rays, portion.n_records
             n_meetings = len(table.detector)
-            explicit = self._explicit(portion, table)
             add_itineraries(streams, table)
         else:
             table, path_numbers, explicit = found.table, found.numbers, found.explicit
@@ -161,19 +167,6 @@ class PortionEncoder:
             lent=None if lent is None else (lent, self._pool),
         )
 
-    def _explicit(self, portion: Portion, rays: Itineraries) -> NDArray[np.int32]:
-        """Primitives that the faces do not imply: of faces that have several, or none."""
-        explicit = scratch("explicit", portion.n_records, np.int32)
-        n = explicit_triangles(
-            rays.face,
-            self.faces.first_primitive,
-            self.faces.primitive_count,
-            portion.object,
-            portion.triangle,
-            explicit,
-        )
-        return explicit[:n]
-
     def _add_geometry(self, streams: StreamSet, rays: _Rays, room: NDArray[np.uint8] | None) -> int:
         """Store positions and normals; returns the encodings chosen."""
         portion = rays.portion
@@ -184,7 +177,7 @@ class PortionEncoder:
                 own = planes[4 * axis : 4 * axis + 4]
                 streams.add_planes(f"position.{name}", np.float32, own, Scope.RECORD)
             if portion.implied_normals:
-                return _add_end_normals(streams, rays)
+                return _add_unlike_normals(streams, rays, self.shapes)
         if self.raw and not portion.implied_normals:
             return _add_raw_geometry(streams, portion)
         codes = self._shape_codes(rays)
@@ -348,30 +341,39 @@ def _add_normals(
     return int(Encoding.NORMALS)
 
 
-def _add_end_normals(streams: StreamSet, rays: _Rays) -> int:
-    """Store normals of which only those at the ends of rays are not implied."""
-    portion, table = rays.portion, rays.table
-    first, last = table.offsets[:-1], table.offsets[1:] - 1
-    left = (table.object[last] < 0) & ((table.event[last] & LEFT_SCENE) != 0) & (last > first)
-    places = scratch("places", 2 * portion.n_rays, np.int32)
-    folded = scratch("folded", 6 * portion.n_rays, np.uint16).reshape(3, -1)
-    n = end_residuals(
-        rays.offsets,
-        rays.path_numbers,
-        table.face[first] < 0,
-        left & (table.face[last] < 0),
-        portion.source,
-        np.zeros((len(portion.emitted), 3), np.int16),
-        portion.position,
-        portion.normal,
-        places,
-        folded,
-    )
+def _add_unlike_normals(streams: StreamSet, rays: _Rays, shapes: ShapeTable) -> int:
+    """Store normals of which those on quadrics are implied."""
+    portion = rays.portion
+    most = 2 * portion.n_rays if shapes.complete else portion.n_records
+    places = scratch("places", most, np.int32)
+    folded = scratch("folded", 3 * most, np.uint16).reshape(3, -1)
+    emission = np.zeros((len(portion.emitted), 3), np.int16)
+    position, normal = portion.position, portion.normal
+    if shapes.complete:
+        n = end_residuals(
+            rays.offsets, rays.path_numbers, *_ends(rays.table), portion.source, emission,
+            position, normal, places, folded,
+        )  # fmt: skip
+    else:
+        table = rays.table
+        points = RayPoints(
+            rays.path_numbers, table.offsets, rays.offsets, table.object, table.face, table.event,
+            portion.triangle, portion.source,
+        )  # fmt: skip
+        remembered = np.zeros((shapes.n_remembered, 3), np.int16)
+        n = other_residuals(points, shapes, emission, remembered, position, normal, places, folded)
     for axis, name in enumerate("xyz"):
         streams.add_sparse(
             f"normal.{name}", portion.n_records, places[:n], folded[axis, :n], Scope.RECORD
         )
     return int(Encoding.NORMALS)
+
+
+def _ends(table: Itineraries) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Whether each path begins on no face, and whether it ends where the ray has left."""
+    first, last = table.offsets[:-1], table.offsets[1:] - 1
+    left = (table.object[last] < 0) & ((table.event[last] & LEFT_SCENE) != 0) & (last > first)
+    return table.face[first] < 0, left & (table.face[last] < 0)
 
 
 def add_itineraries(streams: StreamSet, rays: Itineraries) -> None:
@@ -382,7 +384,7 @@ def add_itineraries(streams: StreamSet, rays: Itineraries) -> None:
     streams.add("path.face", _narrow(rays.face), Scope.POINT)
     streams.add("path.event", rays.event, Scope.POINT)
     streams.add("path.medium", _narrow(rays.medium), Scope.POINT)
-    streams.add("path.meetings", np.diff(rays.meeting_offsets).astype(np.uint16), Scope.POINT)
+    streams.add("path.meetings", rays.meetings, Scope.POINT)
     streams.add("path.detector", rays.detector, Scope.MEETING)
     streams.add("path.registered", rays.registered, Scope.MEETING)
 
@@ -425,7 +427,7 @@ def _with_sums(
         face=table.face,
         event=table.event,
         medium=table.medium,
-        detector_offsets=table.meeting_offsets,
+        detector_offsets=offsets_of(table.meetings),
         detector=table.detector,
         registered=table.registered,
         rays=rays,

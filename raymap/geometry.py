@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 
 from raymap.kernels import inner_kernel, kernel, lean_kernel
 from raymap.schema import NORMAL_SCALE
-from raymap.shapes import EMISSION, LEFT, MANY, RayShapes, ShapeTable
+from raymap.shapes import (
+    EMISSION,
+    LEFT,
+    MANY,
+    RayPoints,
+    RayShapes,
+    ShapeTable,
+    code_off_faces,
+)
 
 __all__ = [
     "decode_normals",
@@ -23,6 +31,7 @@ __all__ = [
     "join_coordinates",
     "normal_residuals",
     "normals_of_records",
+    "other_residuals",
     "position_residuals",
     "resolve_codes",
     "solve_positions",
@@ -265,8 +274,8 @@ def _gradient(
 @inner_kernel
 def _from_before(
     i: Integer,
-    code: int,
-    primitive: int,
+    code: Integer,
+    primitive: Integer,
     source: Integer,
     position: NDArray[np.float32],
     emission: NDArray[np.int16],
@@ -309,10 +318,10 @@ def _primitive_of(
 
 @inner_kernel
 def _remember(
-    i: int,
-    code: int,
-    primitive: int,
-    source: int,
+    i: Integer,
+    code: Integer,
+    primitive: Integer,
+    source: Integer,
     normal: NDArray[np.int16],
     emission: NDArray[np.int16],
     remembered: NDArray[np.int16],
@@ -464,6 +473,63 @@ def end_residuals(
                 places[n] = last
                 folded[0, n], folded[1, n], folded[2, n] = x, y, z
                 n += one
+    return np.int64(n)  # type: ignore[return-value]
+
+
+@lean_kernel
+def other_residuals(
+    points: RayPoints,
+    shapes: ShapeTable,
+    emission: NDArray[np.int16],
+    remembered: NDArray[np.int16],
+    position: NDArray[np.float32],
+    normal: NDArray[np.int16],
+    places: NDArray[np.int32],
+    folded: NDArray[np.uint16],
+) -> int:
+    """As `normal_residuals` where all points on quadrics have the normal that is predicted.
+
+    Parameters
+    ----------
+    emission : (n_sources, 3) zeros; remembered : (n_remembered, 3) zeros
+    places : (n_records,) out, records with a residual; folded : (3, n_records) out, theirs
+
+    Returns
+    -------
+    n : how many there are
+    """
+    face_code, triangles = shapes.face_code, points.triangles
+    faces, objects, events = points.face, points.object, points.event
+    several = shapes.primitive_quadric.size > 0
+    n = np.uint64(0)
+    for ray in range(points.sources.size):
+        begin, end = points.record_offsets[ray], points.record_offsets[ray + 1]
+        row = points.path_offsets[points.numbers[ray]]
+        for k in range(end - begin):
+            point, i = np.uint64(row + k), np.uint64(begin + k)
+            face = faces[point]
+            code = np.int64(0)
+            primitive = np.int64(-1)
+            if face >= 0:
+                code = np.int64(face_code[np.uint32(face)])
+                if code >= 0:
+                    continue
+                if code <= MANY:
+                    start = shapes.face_start[np.uint32(face)]
+                    own = start + triangles[i] - shapes.first_primitive[np.uint32(face)]
+                    if several and shapes.primitive_quadric[np.uint64(own)] >= 0:
+                        continue
+                    primitive = own if remembered.shape[0] > 0 else np.int64(-1)
+            else:
+                code = np.int64(code_off_faces(k == 0, objects[point], events[point]))
+            source = points.sources[ray]
+            px, py, pz = _from_before(i, code, primitive, source, position, emission, remembered)
+            x, y, z = _fold(normal[i, 0], px), _fold(normal[i, 1], py), _fold(normal[i, 2], pz)
+            if x | y | z:
+                places[n] = i
+                folded[0, n], folded[1, n], folded[2, n] = x, y, z
+                n += np.uint64(1)
+                _remember(i, code, primitive, source, normal, emission, remembered)
     return np.int64(n)  # type: ignore[return-value]
 
 

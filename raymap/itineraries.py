@@ -12,7 +12,6 @@ from raymap.kernels import lean_kernel
 __all__ = [
     "assign_faces",
     "expand_points",
-    "explicit_triangles",
     "face_triangles",
     "sum_colors",
     "sum_weighted_colors",
@@ -147,27 +146,3 @@ def sum_weighted_colors(
         else:
             for channel in range(n_channels):
                 sums[path, channel] += w * (scale * color_table[code - n_channels, channel])
-
-
-@lean_kernel
-def explicit_triangles(
-    faces: NDArray[np.int32],
-    first_primitive: NDArray[np.int32],
-    primitive_count: NDArray[np.int32],
-    objects: NDArray[np.int16],
-    triangles: NDArray[np.int32],
-    explicit: NDArray[np.int32],
-) -> int:
-    """Collect the primitives that the faces do not imply, counted from the start of the face."""
-    n = 0
-    for i in range(faces.size):
-        face = faces[i]
-        if face >= 0:
-            at = np.uint32(face)
-            if primitive_count[at] != 1:
-                explicit[np.uint64(n)] = triangles[i] - first_primitive[at]
-                n += 1
-        elif objects[i] >= 0:
-            explicit[np.uint64(n)] = triangles[i]
-            n += 1
-    return n

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.directory import FaceTable
-from raymap.kernels import inner_kernel, lean_kernel
+from raymap.kernels import inline_kernel, inner_kernel, lean_kernel
 
 __all__ = [
     "FaceColumns",
@@ -26,6 +26,7 @@ __all__ = [
     "RayColumns",
     "enter_hashes",
     "face_columns",
+    "name_faces",
     "number_rays",
     "words_needed",
     "write_paths",
@@ -145,6 +146,57 @@ def _face_code(faces: FaceColumns, item: np.uint64, primitive: np.int32) -> np.i
     return np.int32(2 * low + (room != 1))
 
 
+@inline_kernel
+def _code_of(faces: FaceColumns, item: np.int64, primitive: np.int32) -> np.int32:
+    """Code of a primitive of an object, of foreign ones a number of its own."""
+    row = np.uint64(item + 1)
+    if row > np.uint64(faces.first_face.size - 1):
+        return np.int32(_FOREIGN)
+    first = faces.begin[row]
+    size = faces.begin[row + _ONE] - first
+    place = np.uint32(primitive + 1)
+    if place < np.uint32(size):
+        return np.int32(faces.codes[np.uint32(first) + place])
+    if size == 0:
+        return _face_code(faces, row - _ONE, primitive)
+    return np.int32(_FOREIGN)
+
+
+@lean_kernel
+def name_faces(
+    objects: NDArray[np.int16],
+    primitives: NDArray[np.int32],
+    faces: FaceColumns,
+    named: NDArray[np.int32],
+    explicit: NDArray[np.int32],
+    found: NDArray[np.int64],
+) -> None:
+    """Face of each record, -1 without one, and the primitives that the faces do not imply.
+
+    Parameters
+    ----------
+    faces : of the directory
+    named : (n_records,) out; explicit : out, counted from the start of the face
+    found : (3,) out: 0; explicit primitives; first record that names an object or a primitive that
+        is none, or -1
+    """
+    n_explicit = np.uint64(0)
+    found[0], found[2] = 0, -1
+    for record in range(objects.size):
+        primitive = primitives[record]
+        code = _code_of(faces, np.int64(objects[record]), primitive)
+        if code == _FOREIGN:
+            found[2] = record
+            return
+        face = code >> 1
+        named[record] = face
+        if code & 1:
+            start = faces.first_primitive[np.uint32(face)] if face >= 0 else np.int32(0)
+            explicit[n_explicit] = primitive - start
+            n_explicit += _ONE
+    found[1] = n_explicit
+
+
 @lean_kernel
 def number_rays(
     rays: RayColumns,
@@ -171,7 +223,6 @@ def number_rays(
     """
     words, starts, hashes, table = paths.words, paths.starts, paths.hashes, paths.table
     mask = np.uint64(table.size - 1)
-    n_objects = np.uint64(faces.first_face.size - 1)
     given = faces.begin.size == 0
     begin = np.uint64(starts[n_paths])
     record, meeting, n_explicit = np.uint64(0), np.uint64(0), np.uint64(0)
@@ -189,22 +240,8 @@ def number_rays(
             primitive = rays.primitive[record]
             face = primitive
             if not given:
-                row = np.uint64(item + 1)
-                if row > n_objects:
-                    found[2] = record
-                    return
-                code = np.int32(-1)
-                first = faces.begin[row]
-                size = faces.begin[row + _ONE] - first
-                place = np.uint32(primitive + 1)
-                if place < np.uint32(size):
-                    code = faces.codes[np.uint32(first) + place]
-                elif size == 0:
-                    code = _face_code(faces, row - _ONE, primitive)
-                    if code == _FOREIGN:
-                        found[2] = record
-                        return
-                else:
+                code = _code_of(faces, item, primitive)
+                if code == _FOREIGN:
                     found[2] = record
                     return
                 face = code >> 1
@@ -280,7 +317,6 @@ def write_paths(
     paths: PathWords,
     offsets: NDArray[np.int64],
     columns: RayColumns,
-    meeting_offsets: NDArray[np.int64],
 ) -> None:
     """Unpack the paths of the given numbers, one after the other.
 
@@ -288,11 +324,9 @@ def write_paths(
     ----------
     offsets : (n + 1,) their points
     columns : out; the primitives are faces
-    meeting_offsets : (n_points + 1,) out
     """
     words = paths.words
     meeting = 0
-    meeting_offsets[0] = 0
     for k in range(order.size):
         at = np.uint64(paths.starts[order[k]])
         columns.source[k] = np.int16(words[at])
@@ -308,7 +342,6 @@ def write_paths(
             columns.event[i] = np.int32(b)
             columns.meetings[i] = b >> _S32
             meeting += np.int64(b >> _S32)  # type: ignore[assignment]
-            meeting_offsets[i + 1] = meeting
         for m in range(first, meeting):
             columns.detector[m] = np.int16(words[at])
             columns.registered[m] = words[at] >> _S16

@@ -59,8 +59,8 @@ class Portion:
     channel_set : index of the channel set of the map
     weight : (n_rays,) float32, or None where every ray weighs 1
     emission : (n_rays,) int64 groups rays of one emission (splitting), or None
-    implied_normals : normals of points on faces are those that the directory's quadrics have at
-        the stored positions, and need not be compared with them; every face has a quadric
+    implied_normals : normals of points on the directory's quadrics are those that these have at the
+        stored positions, and need not be compared with them
     extra : further columns by name; each has n_rays or n_records rows
     """
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from raymap.directory import Directory, Quadric
 from raymap.events import Event
-from raymap.kernels import lean_kernel
+from raymap.kernels import inline_kernel, lean_kernel
 
 __all__ = [
     "EMISSION",
@@ -28,8 +28,10 @@ __all__ = [
     "LEFT_SCENE",
     "MANY",
     "NO_SHAPE",
+    "RayPoints",
     "RayShapes",
     "ShapeTable",
+    "code_off_faces",
     "compile_shapes",
     "shape_codes",
 ]
@@ -54,6 +56,7 @@ class ShapeTable(NamedTuple):
     first_primitive : (n_faces,)
     face_start : (n_faces,) primitives of all faces before, those of other objects included
     primitive_quadric : (n_primitives,) or (0,), row of the quadric of each primitive, -1 none
+    complete : whether every primitive has a quadric
     n_remembered : primitives whose last normal is remembered, 0 in scenes with too many
     """
 
@@ -64,7 +67,31 @@ class ShapeTable(NamedTuple):
     first_primitive: NDArray[np.int32]
     face_start: NDArray[np.int64]
     primitive_quadric: NDArray[np.int32]
+    complete: bool
     n_remembered: int
+
+
+class RayPoints(NamedTuple):
+    """Rays and the points of their paths.
+
+    Attributes
+    ----------
+    numbers : (n_rays,) path of each ray
+    path_offsets : (n_paths + 1,) points of each path
+    record_offsets : (n_rays + 1,) records of each ray
+    object, face, event : (n_points,)
+    triangles : (n_records,) primitives
+    sources : (n_rays,)
+    """
+
+    numbers: NDArray[np.uint32]
+    path_offsets: NDArray[np.int64]
+    record_offsets: NDArray[np.int64]
+    object: NDArray[np.int16]
+    face: NDArray[np.int32]
+    event: NDArray[np.int32]
+    triangles: NDArray[np.int32]
+    sources: NDArray[np.int16]
 
 
 class RayShapes(NamedTuple):
@@ -119,6 +146,7 @@ def compile_shapes(directory: Directory) -> ShapeTable:
         first_primitive=table.first_primitive,
         face_start=face_start[:-1],
         primitive_quadric=primitive_quadric,
+        complete=len(quadrics) == n_primitives + 1,
         n_remembered=n_primitives if n_primitives <= MAX_REMEMBERED else 0,
     )
 
@@ -159,6 +187,14 @@ def _in_order(c: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
     )
 
 
+@inline_kernel
+def code_off_faces(begins: bool, item: int, event: int) -> int:
+    """Shape code of a point on no face, the first one of a ray or a later one."""
+    if begins:
+        return EMISSION
+    return LEFT if item < 0 and event & LEFT_SCENE else NO_SHAPE
+
+
 @lean_kernel
 def shape_codes(
     offsets: NDArray[np.int64],
@@ -174,9 +210,5 @@ def shape_codes(
         for i in range(first, offsets[path + 1]):
             if faces[i] >= 0:
                 codes[i] = face_code[faces[i]]
-            elif i == first:
-                codes[i] = EMISSION
-            elif objects[i] < 0 and events[i] & LEFT_SCENE:
-                codes[i] = LEFT
             else:
-                codes[i] = NO_SHAPE
+                codes[i] = code_off_faces(i == first, objects[i], events[i])

@@ -23,7 +23,7 @@ from raymap.schema import PORTION_RAYS, PORTION_RECORDS
 from raymap.writer import RayMapWriter
 from tracer.counts import Counts, DetectorCount
 from tracer.engine.wavefront import Wavefront
-from tracer.rehearsal import compile_trace, implies_normals, order_faces
+from tracer.rehearsal import compile_trace, order_faces
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.load import load_scene
 from tracer.scene.model import Scene
@@ -274,7 +274,6 @@ class _Run:
         self.engine = _engine(compilation, self.seed)
         self.tally = Tally(compilation.directory, compilation.channel_set)
         self.pinholes = _pinholes(compilation)
-        self.implied_normals = implies_normals(compilation.directory)
         self.channel_set = writer.add_channel_set(compilation.channel_set) if writer else 0
         fitting = self._fitting_rays()
         self.portion_rays = portion_rays or fitting
@@ -415,7 +414,7 @@ class _Run:
         return replace(
             self.engine.trace(first, n, reuse=True),
             channel_set=self.channel_set,
-            implied_normals=self.implied_normals,
+            implied_normals=True,
         )
 
     def _commit(self, result: EncodedPortion | list[Portion] | None, first: int, n: int) -> int:

@@ -16,7 +16,7 @@ from tracer.scene.arrays import F_KIND, F_OBJECT, F_TRIANGLE
 from tracer.scene.compile import Compilation
 from tracer.tally import Tally
 
-__all__ = ["compile_trace", "implies_normals", "order_faces", "rehearse"]
+__all__ = ["compile_trace", "order_faces", "rehearse"]
 
 _RAYS = 1024
 _PILOT_RAYS = 2048
@@ -32,10 +32,11 @@ def compile_trace(compilation: Compilation, encoder: PortionEncoder | None, thre
     """
     directory, channel_set = compilation.directory, compilation.channel_set
     engine = Wavefront(compilation.arrays, 0, meshes=compilation.solids, weighted=True)
-    kind = "none" if encoder is None else f"{encoder.raw} {encoder.compact}"
-    implied_normals = implies_normals(directory)
-    key = f"{kind} {implied_normals} {bool(directory.detectors)} {channel_set.n_channels}"
-    arguments = (directory, channel_set, encoder, implied_normals)
+    kind = "none"
+    if encoder is not None:
+        kind = f"{encoder.raw} {encoder.compact} {encoder.shapes.complete}"
+    key = f"{kind} {bool(directory.detectors)} {channel_set.n_channels}"
+    arguments = (directory, channel_set, encoder)
     rehearsal = Task(rehearse.__module__, rehearse.__qualname__, arguments, key)
     hits, *others = engine.tasks()
     compile_ahead([hits, rehearsal, *others], processes=threads)
@@ -78,21 +79,7 @@ def order_faces(compilation: Compilation) -> Compilation:
     return compilation.ordered(met)
 
 
-def implies_normals(directory: Directory) -> bool:
-    """Whether the normal of every point follows from its face and its place."""
-    return all(
-        bool(face.quadrics) and all(quadric is not None for quadric in face.quadrics)
-        for item in directory.objects
-        for face in item.faces
-    )
-
-
-def rehearse(
-    directory: Directory,
-    channel_set: ChannelSet,
-    encoder: PortionEncoder | None,
-    implied_normals: bool,
-) -> None:
+def rehearse(directory: Directory, channel_set: ChannelSet, encoder: PortionEncoder | None) -> None:
     """Count, encode and merge a few rays that leave the scene at once."""
     meetings, n = (1 if directory.detectors else 0), _RAYS
     end = int(Event.LEFT_SCENE)
@@ -116,7 +103,7 @@ def rehearse(
             uv=np.zeros((n * meetings, 2), np.uint16),
             registered=np.ones(n * meetings, np.bool_),
         ),
-        implied_normals=implied_normals,
+        implied_normals=True,
     )
     Tally(directory, channel_set).add(portion)
     if encoder is not None:

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import raymap
-from raymap import pathwords
+from raymap import dictionary, pathwords
 from raymap.dictionary import find_paths
 from raymap.encoder import PortionEncoder
 from raymap.streams import frame_of_zeros
@@ -83,6 +83,34 @@ def test_records_of_primitives_that_are_none_are_refused(monkeypatch, most, item
         find_paths(portion, pathwords.face_columns(small_directory().faces))
 
 
+@pytest.mark.parametrize("n_paths", [1, 100])
+def test_numbering_that_is_judged_early_gives_the_same_paths(monkeypatch, n_paths):
+    portion = portion_at(0, n_rays=6000, n_paths=n_paths, seed=4)
+    faces = pathwords.face_columns(small_directory().faces)
+    early = find_paths(portion, faces)
+    monkeypatch.setattr(dictionary, "_FEWEST", 10**9)
+    late = find_paths(portion, faces)
+    np.testing.assert_array_equal(early.numbers, late.numbers)
+    np.testing.assert_array_equal(early.explicit, late.explicit)
+    for a, b in zip(early.table, late.table, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_paths_that_do_not_repeat_are_given_up_early(monkeypatch):
+    """An eighth of the rays foretells it; the same rays in a small portion are all looked at."""
+    looked_at = []
+    number = dictionary.number_rays
+
+    def counting(rays, *others):
+        looked_at.append(len(rays.source))
+        number(rays, *others)
+
+    monkeypatch.setattr(dictionary, "number_rays", counting)
+    faces = pathwords.face_columns(small_directory().faces)
+    assert find_paths(portion_at(0, n_rays=6000, n_paths=None, seed=4), faces) is None
+    assert sum(looked_at) == 6000 // 8
+
+
 @given(
     n=st.integers(1, 300_000), places=st.sets(st.integers(0, 2**18), max_size=9), seed=st.integers()
 )
@@ -98,11 +126,13 @@ def test_frames_of_zeros_are_frames(n, places, seed):
 
 
 @pytest.mark.parametrize("n_rays", [40, 3000])
-def test_implied_normals_are_those_of_the_shapes(tmp_path, n_rays):
+@pytest.mark.parametrize("shapes", ["each", "some", "front", "rim", "none"])
+def test_implied_normals_are_those_of_the_shapes(tmp_path, n_rays, shapes):
     """Said to be implied or compared with what is implied: the same normals come back."""
-    directory = small_directory(
-        objects=(raymap.SceneObject(name="ball", faces=(_face("front", 0), _face("rim", 1, 2))),)
-    )
+    front = _face("front", 0, known=(shapes not in ("rim", "none"),))
+    known = {"some": (False, True), "front": (), "none": ()}.get(shapes, (True, True))
+    rim = _face("rim", 1, 2, known=known)
+    directory = small_directory(objects=(raymap.SceneObject(name="ball", faces=(front, rim)),))
     portion = _portion_on_balls(directory, n_rays)
     read = []
     for implied in (False, True):
@@ -130,11 +160,10 @@ def test_normals_that_are_all_implied(tmp_path):
         assert not ray_map.portions[0].column("normal").any()
 
 
-def _face(name, first, count=1):
+def _face(name, first, count=1, known=(True,)):
     ball = raymap.Quadric(coefficients=(1, 1, 1, 0, 0, 0, 0, 0, 0, -4.0))
-    return raymap.Face(
-        name=name, first_primitive=first, primitive_count=count, quadrics=(ball,) * count
-    )
+    quadrics = tuple(ball if each else None for each in known)
+    return raymap.Face(name=name, first_primitive=first, primitive_count=count, quadrics=quadrics)
 
 
 def _portion_on_balls(directory, n_rays):
