@@ -1,7 +1,7 @@
 """Buffers of one worker: the rays alive, the records of a block in the order of time.
 
 A *block* is a few thousand rays traced in step. Records are written as they happen (one row of
-twelve words, so that a record is one cache line at most); `tracer.engine.store` puts them in ray
+eleven words, so that a record is one cache line at most); `tracer.engine.store` puts them in ray
 order.
 
 Columns are rows of a few two-dimensional arrays: compiled functions take few arguments. Rows are
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from tracer.geometry.kinds import F64, I64, MESH
 from tracer.scene.arrays import F_KIND, I32, CompiledScene
 
-__all__ = ["BUNDLE", "Buffers", "Workspace", "grown"]
+__all__ = ["BUNDLE", "Buffers", "Workspace", "grown", "with_more_records"]
 
 BUNDLE = 512
 """Rays intersected together; their columns stay in the first-level cache."""
@@ -46,7 +46,7 @@ MESH_BODY, MESH_TRIANGLE, OWN_BODY, OWN_TRIANGLE = range(10, 14)
 BUNDLE_OWN, BUNDLE_CODE, BUNDLE_SLOT = 0, 1, 3
 
 # Words of a record
-X, Y, Z, NORMAL_XY, NORMAL_Z, TRIANGLE, EVENT, R_MEDIUM, R_CODE, R_RAY, COUNT, CHAIN = range(12)
+X, Y, Z, NORMAL_XY, NORMAL_Z, TRIANGLE, EVENT, R_MEDIUM, R_CODE, COUNT, CHAIN = range(11)
 
 # Words of a descriptor
 D_DETECTOR, D_CELL, D_UV, D_COSINE, D_REGISTERED, D_PREVIOUS = range(6)
@@ -62,7 +62,8 @@ class Buffers(NamedTuple):
 
     live_f (8, block), live_i (10, block) : rays on their way, packed to the front
     ray_i (1, block), ray_f (block,) : per ray its records and its final weight
-    words (n, 12), real : records as they happen, and the same memory as float32
+    words (n, 11), real : records as they happen, and the same memory as float32
+    owners (n,) : of every record the ray of the block
     exact : empty, or (n, 3) positions in float64
     meetings (n, 6), meeting_t : descriptors as they happen, chained per record
     colors (n, C) : mixed colours
@@ -77,6 +78,7 @@ class Buffers(NamedTuple):
     ray_f: F64
     words: I32
     real: NDArray[np.float32]
+    owners: I32
     exact: F64
     meetings: I32
     meeting_t: F64
@@ -98,7 +100,7 @@ class Workspace:
 
     @classmethod
     def create(cls, scene: CompiledScene, block: int, *, exact: bool = False) -> Workspace:
-        words = np.empty((24 * block, 12), np.int32)
+        words = np.empty((24 * block, 11), np.int32)
         meshed = bool(np.any(scene.face_i[:, F_KIND] == MESH))
         return cls(
             block,
@@ -109,6 +111,7 @@ class Workspace:
                 ray_f=np.empty(block),
                 words=words,
                 real=words.view(np.float32),
+                owners=np.empty(len(words), np.int32),
                 exact=np.empty((len(words) if exact else 0, 3)),
                 meetings=np.empty((4 * block, 6), np.int32),
                 meeting_t=np.empty(4 * block),
@@ -127,14 +130,19 @@ class Workspace:
         b = self.buffers
         n = int(b.counters[LIVE])
         if b.counters[RECORDS] + n > len(b.words):
-            words = grown(b.words)
             exact = grown(b.exact) if len(b.exact) else b.exact
-            b = b._replace(words=words, real=words.view(np.float32), exact=exact)
+            b = with_more_records(b)._replace(exact=exact)
         while b.counters[DESCRIPTORS] + n * (len(scene.detector_i) + 1) > len(b.meeting_t):
             b = b._replace(meetings=grown(b.meetings), meeting_t=grown(b.meeting_t))
         if b.counters[COLORS] + 4 * n > len(b.colors):
             b = b._replace(colors=grown(b.colors))
         self.buffers = b
+
+
+def with_more_records(b: Buffers) -> Buffers:
+    """The buffers with room for twice as many records."""
+    words = grown(b.words)
+    return b._replace(words=words, real=words.view(np.float32), owners=grown(b.owners))
 
 
 def grown(array: Array) -> Array:

@@ -40,7 +40,7 @@ from tracer.engine.buffers import (
     Buffers,
     T,
 )
-from tracer.engine.contacts import cross_face, scene_touches
+from tracer.engine.contacts import cross_face, left_together, scene_touches
 from tracer.engine.lights import emit_light
 from tracer.engine.meetings import near_planes, pass_planes, pass_views, register_on_face
 from tracer.engine.nests import top_body
@@ -122,8 +122,8 @@ def emit_block(scene: CompiledScene, seed: int, first_ray: int, n: int, b: Buffe
         live_i[RAY, i] = i
         live_i[LAST, i] = i
         write_record(
-            words, real, i, x, y, z, nx, ny, nz, -1, -1, EMITTED, source_i[source, L_MEDIUM],
-            code, i,
+            words, real, b.owners, i, x, y, z, nx, ny, nz, -1, -1, EMITTED,
+            source_i[source, L_MEDIUM], code, i,
         )  # fmt: skip
         if len(exact) > 0:
             exact[i, 0], exact[i, 1], exact[i, 2] = x, y, z
@@ -154,7 +154,9 @@ def place_block(
         live_i[RAY, i] = i
         live_i[LAST, i] = i
         x, y, z = live_f[0, i], live_f[1, i], live_f[2, i]
-        write_record(b.words, b.real, i, x, y, z, 0.0, 0.0, 0.0, -1, -1, EMITTED, world, 0, i)
+        write_record(
+            b.words, b.real, b.owners, i, x, y, z, 0.0, 0.0, 0.0, -1, -1, EMITTED, world, 0, i
+        )  # fmt: skip
         if len(b.exact) > 0:
             b.exact[i, 0], b.exact[i, 1], b.exact[i, 2] = x, y, z
         b.ray_i[N_RECORDS, i] = 1
@@ -178,7 +180,7 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
     sphere, world, depth = scene.sphere, scene.limits[WORLD], scene.limits[DEPTH]
     virtual, rare, views = scene.limits[VIRTUAL], scene.rare, scene.views
     live_f, live_i, ray_i, ray_f = b.live_f, b.live_i, b.ray_i, b.ray_f
-    words, real, exact = b.words, b.real, b.exact
+    words, real, owners, exact = b.words, b.real, b.owners, b.exact
     meetings, meeting_t, colors, counters = b.meetings, b.meeting_t, b.colors, b.counters
     n_channels = colors.shape[1]
     volume_key = 2 * len(face_i) + len(scene.source_i)
@@ -263,6 +265,8 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
                 met = unsigned(counting)
                 nx, ny, nz = face_normal(face_i[met, F_KIND], face_f, met, x, y, z)
                 cosine = dx * nx + dy * ny + dz * nz
+            if t < tiny and left_together(scene.contacts, face_i, live_i[OWN, i], face):
+                beyond = -1
             if beyond < 0 and t < tiny:
                 # Rounding at an edge: the ray is on the right side already; get it off the face
                 ignored = True
@@ -329,7 +333,7 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
             turned_off = twin_event(twins, event)
             event, weight, state = end_faint_ray(rare, event, weight, state)
             write_record(
-                words, real, r, x, y, z, nx, ny, nz, obj, triangle, event, medium, code, ray
+                words, real, owners, r, x, y, z, nx, ny, nz, obj, triangle, event, medium, code, ray
             )
             if len(exact) > 0:
                 exact[r, 0], exact[r, 1], exact[r, 2] = x, y, z
@@ -342,8 +346,8 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
                     own_body, own_triangle, nest_before, medium_before, state,
                 )  # fmt: skip
                 write_record(
-                    words, real, r, x, y, z, nx, ny, nz, obj, triangle, turned_off, medium_before,
-                    twin_code(twins), twin,
+                    words, real, owners, r, x, y, z, nx, ny, nz, obj, triangle, turned_off,
+                    medium_before, twin_code(twins), twin,
                 )  # fmt: skip
                 r += 1
             if event & ENDING != 0:

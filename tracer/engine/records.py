@@ -17,7 +17,6 @@ from tracer.engine.buffers import (
     NORMAL_Z,
     R_CODE,
     R_MEDIUM,
-    R_RAY,
     TRIANGLE,
     X,
     Y,
@@ -25,7 +24,7 @@ from tracer.engine.buffers import (
 )
 from tracer.scene.arrays import I32
 
-__all__ = ["ENDING", "write_record"]
+__all__ = ["ENDING", "whole", "write_record", "write_words"]
 
 ENDING = int(
     Event.SURFACE_ABSORPTION
@@ -40,22 +39,38 @@ ENDING = int(
 
 @inline_kernel
 def write_record(
-    words: I32, real: NDArray[np.float32], r: int, x: float, y: float, z: float, nx: float,
-    ny: float, nz: float, obj: int, triangle: int, event: int, medium: int, code: int,
+    words: I32, real: NDArray[np.float32], owners: I32, r: int, x: float, y: float, z: float,
+    nx: float, ny: float, nz: float, obj: int, triangle: int, event: int, medium: int, code: int,
     ray: int,
 ) -> None:  # fmt: skip
     """Write record ``r``."""
+    p, q, s = whole(nx), whole(ny), whole(nz)
+    write_words(
+        words, real, owners, r, x, y, z, (p & 0xFFFF) | (q << 16), (s & 0xFFFF) | (obj << 16),
+        triangle, event, medium, code, ray,
+    )  # fmt: skip
+
+
+@inline_kernel
+def whole(component: float) -> int:
+    """Component of a normal as records have it."""
+    return np.int64(np.int32(math.floor(component * 32767.0 + 0.5)))  # type: ignore[return-value]
+
+
+@inline_kernel
+def write_words(
+    words: I32, real: NDArray[np.float32], owners: I32, r: int, x: float, y: float, z: float,
+    normal_xy: int, normal_z: int, triangle: int, event: int, medium: int, code: int, ray: int,
+) -> None:  # fmt: skip
+    """Write record ``r`` of a normal (and object) that is packed already."""
     row = unsigned(r)
     real[row, X], real[row, Y], real[row, Z] = x, y, z
-    p = np.int64(math.floor(nx * 32767.0 + 0.5))
-    q = np.int64(math.floor(ny * 32767.0 + 0.5))
-    s = np.int64(math.floor(nz * 32767.0 + 0.5))
-    words[row, NORMAL_XY] = (p & 0xFFFF) | (q << 16)
-    words[row, NORMAL_Z] = (s & 0xFFFF) | (obj << 16)
+    words[row, NORMAL_XY] = normal_xy
+    words[row, NORMAL_Z] = normal_z
     words[row, TRIANGLE] = triangle
     words[row, EVENT] = event
     words[row, R_MEDIUM] = medium
     words[row, R_CODE] = code
-    words[row, R_RAY] = ray
+    owners[row] = ray
     words[row, COUNT] = 0
     words[row, CHAIN] = -1

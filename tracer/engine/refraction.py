@@ -36,7 +36,7 @@ from tracer.engine.buffers import (
 )
 from tracer.engine.nests import enter_body, leave_body, top_body
 from tracer.engine.random import advance, uniform
-from tracer.engine.records import write_record
+from tracer.engine.records import whole, write_words
 from tracer.geometry.kinds import F64, I64, SPHERE, Integer
 from tracer.geometry.nearest import DISTANCE, nearest_on_face
 from tracer.geometry.normals import face_normal
@@ -79,6 +79,7 @@ _N1, _N2, _U, _NORMAL, _POINT, _AFTER, _OUTCOME = 8, 9, 10, 11, 14, 17, 20
 _COSINE, _ETA, _COS2, _SCRATCH, _ALONG = 21, 22, 23, 24, 25
 # Rows of stream_i: as in a bundle, then random state, colour code, last record, ray of the block
 _RNG, _CODE, _LAST, _RAY = 4, 5, 6, 7
+_PACKED = 1  # normals for the record, while the faces met are not needed
 _OTHER_SIDE, _CROSSES, _TURNS, _TOTAL = 0.0, 1.0, 2.0, 3.0
 
 
@@ -161,7 +162,7 @@ def _follow(
             break
         body = top_body(beyond)
         other = scene.body_i[unsigned(body), B_MEDIUM] if body >= 0 else scene.limits[WORLD]
-        _look_up(scene.medium_f, f, g, b.colors.shape[1], medium, other, size)
+        _look_up(scene.medium_i, scene.medium_f, f, g, b.colors.shape[1], medium, other, size)
         _refract(scene.face_f, face, scene.face_i[face, F_KIND], f, row, size)
         _reflectance(scene.surface_i, scene.surface_f, scene.face_i[face, F_SURFACE], f, size)
         _choose(f, size, inward)
@@ -221,14 +222,28 @@ def _cross(
 
 @inner_kernel
 def _look_up(
-    medium_f: F64, f: F64, g: I64, n_channels: int, medium: int, other: int, size: int
+    medium_i: I64,
+    medium_f: F64,
+    f: F64,
+    g: I64,
+    n_channels: int,
+    medium: int,
+    other: int,
+    size: int,
 ) -> None:
     """Indices on both sides and the next random number of each ray."""
-    for j in range(size):
-        code = g[_CODE, j]
-        channel = unsigned(code if code < n_channels else 0)
-        f[_N1, j] = medium_f[medium, channel]
-        f[_N2, j] = medium_f[other, channel]
+    if medium_i[medium, M_DISPERSIVE] == 0 and medium_i[other, M_DISPERSIVE] == 0:
+        n1, n2 = medium_f[medium, 0], medium_f[other, 0]
+        for j in range(size):
+            f[_N1, j] = n1
+        for j in range(size):
+            f[_N2, j] = n2
+    else:
+        for j in range(size):
+            code = g[_CODE, j]
+            channel = unsigned(code if code < n_channels else 0)
+            f[_N1, j] = medium_f[medium, channel]
+            f[_N2, j] = medium_f[other, channel]
     for j in range(size):
         f[_U, j] = uniform(advance(np.uint64(g[_RNG, j])))
 
@@ -320,7 +335,7 @@ def _write(
     Returns how many go on, and whether along the main axis of the face.
     """
     f, g, live_f, live_i, ray_i = b.stream_f, b.stream_i, b.live_f, b.live_i, b.ray_i
-    words, real, exact = b.words, b.real, b.exact
+    words, real, owners, exact = b.words, b.real, b.owners, b.exact
     for j in range(size - 1, -1, -1):
         if f[_OUTCOME, j] == _OTHER_SIDE:
             _put_back(f, g, live_f, live_i, ray_i, j, face, key, nest, medium, legs, row)
@@ -329,15 +344,19 @@ def _write(
     obj, triangle = scene.face_i[face, F_OBJECT], scene.face_i[face, F_TRIANGLE]
     mark = scene.face_i[face, F_EVENT]
     crossed = mark | _REFRACTED | (_MEDIUM_CHANGED if other != medium else 0)
+    for j in range(size):
+        g[_PACKED, j] = (whole(f[_NORMAL, j]) & 0xFFFF) | (whole(f[_NORMAL + 1, j]) << 16)
+    for j in range(size):
+        g[_PACKED + 1, j] = whole(f[_NORMAL + 2, j]) & 0xFFFF
     r = b.counters[RECORDS]
     for j in range(size):
         outcome = f[_OUTCOME, j]
         event, inside = crossed, other
         if outcome != _CROSSES:
             event, inside = mark | (_REFLECTED if outcome == _TURNS else _TIR), medium
-        write_record(
-            words, real, r + j, f[_POINT, j], f[_POINT + 1, j], f[_POINT + 2, j], f[_NORMAL, j],
-            f[_NORMAL + 1, j], f[_NORMAL + 2, j], obj, triangle, event, inside, g[_CODE, j],
+        write_words(
+            words, real, owners, r + j, f[_POINT, j], f[_POINT + 1, j], f[_POINT + 2, j],
+            g[_PACKED, j], g[_PACKED + 1, j] | obj << 16, triangle, event, inside, g[_CODE, j],
             g[_RAY, j],
         )  # fmt: skip
     if len(exact) > 0:

@@ -29,7 +29,6 @@ from tracer.engine.buffers import (
     OWN,
     OWN_BODY,
     OWN_TRIANGLE,
-    R_RAY,
     RAY,
     RAYS,
     RECORDS,
@@ -38,6 +37,7 @@ from tracer.engine.buffers import (
     Buffers,
     Workspace,
     grown,
+    with_more_records,
 )
 from tracer.engine.random import stream_state
 from tracer.geometry.kinds import F64, I64
@@ -276,7 +276,7 @@ def find_ray_order(
     for ray in range(n_rays):
         b.ray_i[N_RECORDS, ray] = twins.rays[INHERITED, ray]
     for r in range(b.counters[RECORDS]):
-        ray = b.words[r, R_RAY]
+        ray = b.owners[r]
         order[start[ray] + b.ray_i[N_RECORDS, ray]] = r
         b.ray_i[N_RECORDS, ray] += 1
     # An older ray is complete when a younger one inherits from it
@@ -291,8 +291,7 @@ def widen(workspace: Workspace, twins: Twins) -> Twins:
     b = workspace.buffers
     n, rays = int(b.counters[LIVE]), int(b.counters[RAYS])
     while b.counters[RECORDS] + 2 * n > len(b.words):
-        words = grown(b.words)
-        b = b._replace(words=words, real=words.view(np.float32))
+        b = with_more_records(b)
     while b.counters[COLORS] + 8 * n > len(b.colors):
         b = b._replace(colors=grown(b.colors))
     while 2 * n > b.live_f.shape[1]:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.kernels import inline_kernel, inner_kernel, lean_kernel, number, unsigned
+from raymap.kernels import inner_kernel, lean_kernel, number, unsigned
 from tracer.engine.buffers import (
     CHAIN,
     COLORS,
@@ -24,7 +24,6 @@ from tracer.engine.buffers import (
     NORMAL_Z,
     R_CODE,
     R_MEDIUM,
-    R_RAY,
     RECORDS,
     TRIANGLE,
     Buffers,
@@ -81,13 +80,9 @@ def store_block(
     to date. The first ``n_sources`` rows of the colour table are the sources' colours. With
     ``counted`` only those records are kept at which rays end or that have descriptors.
     """
-    words, ray_i, n_rays = b.words, b.ray_i, filled[0]
     if counted:
-        for ray in range(n):
-            ray_i[N_RECORDS, ray] = 0
-        for r in range(b.counters[RECORDS]):
-            if _counts(words, r):
-                ray_i[N_RECORDS, unsigned(words[r, R_RAY])] += 1
+        _keep_counted(n, b)
+    owners, ray_i, n_rays = b.owners, b.ray_i, filled[0]
     # Find the place of every record: rays in order, records of a ray as they happened
     total = number(0)
     for ray in range(n):
@@ -97,9 +92,7 @@ def store_block(
         ray_i[N_RECORDS, ray] = total
         total += count
     for r in range(b.counters[RECORDS]):
-        if counted and not _counts(words, r):
-            continue
-        owner = unsigned(words[r, R_RAY])
+        owner = unsigned(owners[r])
         place = ray_i[N_RECORDS, owner]
         order[unsigned(place)] = r
         ray_i[N_RECORDS, owner] = place + 1
@@ -107,10 +100,22 @@ def store_block(
     filled[0] = n_rays + n
 
 
-@inline_kernel
-def _counts(words: I32, r: int) -> bool:
-    """Whether the tally of a trace needs a record."""
-    return bool((words[r, EVENT] & ENDING != 0) | (words[r, COUNT] > 0))
+@inner_kernel
+def _keep_counted(n: int, b: Buffers) -> None:
+    """Pack the records that the tally of a trace needs to the front of the block."""
+    words, owners, ray_i = b.words, b.owners, b.ray_i
+    for ray in range(n):
+        ray_i[N_RECORDS, ray] = 0
+    kept = number(0)
+    for r in range(b.counters[RECORDS]):
+        if words[r, EVENT] & ENDING != 0 or words[r, COUNT] > 0:
+            to = unsigned(kept)
+            for k in range(words.shape[1]):
+                words[to, k] = words[r, k]
+            owners[to] = owners[r]
+            ray_i[N_RECORDS, unsigned(owners[r])] += 1
+            kept += 1
+    b.counters[RECORDS] = kept
 
 
 @inner_kernel
