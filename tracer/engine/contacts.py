@@ -1,8 +1,9 @@
 """Which bodies a ray is in beyond a face, also where faces of several bodies coincide.
 
 At a place where faces lie on one another light meets one interface. A sheet counts before
-solids (paint on glass); of solids the one of higher priority gives name and surface, of equal ones
-the one that the scene names first. The ray leaves and enters all of them at once.
+solids (paint on glass), a detector before other sheets; of solids the one of higher priority gives
+name and surface, of equal ones, as of sheets, the one that the scene names first. The ray leaves
+and enters all of them at once.
 """
 
 from __future__ import annotations
@@ -13,9 +14,9 @@ from raymap.kernels import inline_kernel, inner_kernel
 from tracer.engine.nests import enter_body, leave_body
 from tracer.geometry.kinds import ANNULUS, CONE, CONIC, CYLINDER, F64, I64, RECTANGLE, SPHERE
 from tracer.geometry.normals import face_normal
-from tracer.scene.arrays import B_PRIORITY, F_INSIDE, F_KIND, F_OUTSIDE, Contacts
+from tracer.scene.arrays import B_PRIORITY, F_DETECTOR, F_INSIDE, F_KIND, F_OUTSIDE, Contacts
 
-__all__ = ["cross_face", "scene_touches"]
+__all__ = ["cross_face", "left_together", "scene_touches"]
 
 
 @inline_kernel
@@ -35,6 +36,22 @@ def cross_face(
 def scene_touches(contacts: Contacts | None) -> bool:
     """Whether any faces of the scene may coincide."""
     return contacts is not None
+
+
+@inline_kernel
+def left_together(contacts: Contacts | None, face_i: I64, own: int, face: int) -> bool:
+    """Whether a sheet lies on the sheet that the ray leaves, so that only rounding parts them.
+
+    Solids need no such question: the ray is in none of those that it would leave again.
+    """
+    if contacts is None:
+        return False
+    if own < 0 or face_i[own, F_INSIDE] >= 0 or face_i[face, F_INSIDE] >= 0:
+        return False
+    for k in range(contacts.first[own], contacts.first[own + 1]):
+        if contacts.face[k] == face:
+            return True
+    return False
 
 
 @inline_kernel
@@ -88,7 +105,10 @@ def _cross_all(
 def _counts_before(face_i: I64, body_i: I64, a: int, b: int) -> bool:
     one, two = face_i[a, F_INSIDE], face_i[b, F_INSIDE]
     if one < 0 or two < 0:
-        return bool(one < two) or (one == two and a < b)
+        if one != two:
+            return bool(one < two)
+        seen = face_i[a, F_DETECTOR] >= 0
+        return seen if seen != (face_i[b, F_DETECTOR] >= 0) else a < b
     if body_i[one, B_PRIORITY] != body_i[two, B_PRIORITY]:
         return bool(body_i[one, B_PRIORITY] > body_i[two, B_PRIORITY])
     return a < b

@@ -46,6 +46,7 @@ from tracer.scene.meshes import SceneMeshes
 from tracer.scene.model import Scene
 from tracer.scene.rare_light import compile_rare_light
 from tracer.scene.resolve import resolve_bodies
+from tracer.scene.sheets import warn_of_hidden_sheets
 from tracer.scene.sources import CompiledSources, SourceTable
 from tracer.scene.surfaces import SurfaceTable
 from tracer.scene.touching import FlatFace, warn_of_touching
@@ -146,6 +147,14 @@ class _Compiler:
             names = [item.name for item in faces.objects]
             flats = [FlatFace(names[p.object], p.shape) for p in faces.primitives]
             warn_of_touching(faces.placed, flats, faces.solids, radius, scene.origin)
+        warn_of_hidden_sheets(
+            contacts,
+            faces.primitives,
+            [item.name for item in faces.objects],
+            [model for _, model in faces.surface_models()],
+            radius,
+            scene.origin,
+        )
         if contacts is not None:
             plain[np.diff(contacts.first) > 0] = 0
         arrays = CompiledScene(

@@ -1,4 +1,4 @@
-"""Faces that lie on one another: solids that touch, solids that lie on a sheet.
+"""Faces that lie on one another: solids that touch, sheets on solids, sheets on sheets.
 
 Where two faces coincide light meets one interface, not two with nothing between them. The pairs
 that can coincide are found once; whether they do at a point is decided there. Faces coincide where
@@ -24,6 +24,7 @@ from tracer.geometry.kinds import (
 )
 from tracer.geometry.shapes import Shape
 from tracer.scene.arrays import Contacts
+from tracer.scene.sheets import sheets_overlap
 
 __all__ = ["find_contacts"]
 
@@ -38,15 +39,13 @@ _PARALLEL = 1e-12
 def find_contacts(
     shapes: Sequence[Shape], objects: Sequence[int], solids: Sequence[bool], size: float
 ) -> Contacts | None:
-    """Pairs of faces on one surface, of different objects and not both sheets; None if none.
+    """Pairs of faces on one surface, of different objects; None if none.
 
     Parameters
     ----------
     shapes, objects, solids : per face its shape, its object, and whether it bounds a solid
     size : radius of the scene; faces within 1e-9 of it are on one surface
     """
-    if not any(solids):
-        return None
     known = [k for k, shape in enumerate(shapes) if shape.kind in _KINDS]
     partners: list[list[int]] = [[] for _ in shapes]
     rows = {k: shapes[k].row() for k in known}
@@ -55,12 +54,16 @@ def find_contacts(
     high = np.full((len(shapes), 3), -np.inf)
     for k in known:
         low[k], high[k] = shapes[k].bounds()
-    owner, solid = np.asarray(objects), np.asarray(solids, bool)
+    owner = np.asarray(objects)
     for a in known:
         meets = (low <= high[a] + reach).all(axis=1) & (high >= low[a] - reach).all(axis=1)
-        meets &= (owner != owner[a]) & (solid | solid[a])
+        meets &= owner != owner[a]
         for b in np.flatnonzero(meets).tolist():
-            if b > a and _on_one_surface(shapes[a].kind, rows[a], shapes[b].kind, rows[b], reach):
+            if b < a or not _on_one_surface(
+                shapes[a].kind, rows[a], shapes[b].kind, rows[b], reach
+            ):
+                continue
+            if solids[a] or solids[b] or sheets_overlap(shapes[a], shapes[b], reach):
                 partners[a].append(b)
                 partners[b].append(a)
     if not any(partners):
