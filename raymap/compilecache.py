@@ -77,8 +77,15 @@ class _Forgiving:
 
     def load_overload(self, signature: Any, target: Any) -> Any:
         """The machine code, None where it has to be compiled."""
+        from numba.core.runtime import rtsys
+
         try:
-            return self._kept.load_overload(signature, target)
+            # Numba's own way in first imports all that its compiler knows, which takes longer than
+            # a short trace. Machine code of numbers and arrays only calls the runtime by name.
+            rtsys.initialize(target)
+            return self._kept._load_overload(signature, target)
+        except OSError:
+            return None
         except Exception:
             with contextlib.suppress(Exception):
                 self._kept.flush()

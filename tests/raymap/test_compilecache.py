@@ -41,12 +41,12 @@ own(1)
 """
 
 
-def _run(folder, kernels=_KERNELS, **environment):
+def _run(folder, kernels=_KERNELS, program=_PROGRAM, **environment):
     """What the program prints in a process of its own: value, cache hits, folder."""
     (folder / "kernels_of_a_user.py").write_text(kernels)
     kept = {name: os.environ[name] for name in ("PATH", "HOME") if name in os.environ}
     done = subprocess.run(
-        [sys.executable, "-c", _PROGRAM.format(folder=str(folder))],
+        [sys.executable, "-c", program.format(folder=str(folder))],
         env={**kept, "PYTHONPATH": str(_ROOT), **environment},
         capture_output=True,
         text=True,
@@ -116,6 +116,46 @@ def test_a_folder_that_cannot_be_written_is_no_failure(tmp_path):
         HOME="/dev/null",
     )
     assert (value, hits, place) == (42, 0, "None")
+
+
+_WORKING = """
+import numpy as np
+from raymap.kernels import kernel
+
+@kernel
+def twice(value):
+    if value < 0:
+        raise ValueError("negative")
+    column = np.empty(int(value))
+    for k in range(len(column)):
+        column[k] = np.cos(0.0)
+    total = 0.0
+    for item in column:
+        total += 2.0 * item
+    return int(total)
+"""
+
+_LATER = """
+import sys
+sys.path.insert(0, {folder!r})
+from kernels_of_a_user import twice
+value, hits = twice(21), sum(twice.stats.cache_hits.values())
+compiler = "numba.np.arraymath" in sys.modules
+try:
+    twice(-1)
+except ValueError:
+    # Other code can be compiled after kept code was loaded
+    value += twice(21.0)
+print(value, hits, compiler)
+"""
+
+
+def test_kept_code_is_loaded_without_what_only_the_compiler_needs(tmp_path):
+    caches = str(tmp_path / "caches")
+    assert _run(tmp_path, _WORKING, _LATER, XDG_CACHE_HOME=caches) == (84, 0, "True")
+    for file in _files(tmp_path, ".nbc")[1:]:
+        file.unlink()
+    assert _run(tmp_path, _WORKING, _LATER, XDG_CACHE_HOME=caches) == (84, 1, "False")
 
 
 def _tree(folder):
