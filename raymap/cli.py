@@ -240,8 +240,14 @@ def _print_summary(summary: dict[str, Any]) -> None:
         console.print(table)
 
 
-def application() -> typer.Typer:
-    """The application with the sub-commands of all installed packages."""
+def application(asked: str = "") -> typer.Typer:
+    """The application with the sub-commands of all installed packages.
+
+    Parameters
+    ----------
+    asked : name of a command; if there is such a one, the others are left out, because what the
+        command line says of all of them takes a tenth of a second to find out
+    """
     app = typer.Typer(
         name="raymap",
         no_args_is_help=True,
@@ -257,6 +263,8 @@ def application() -> typer.Typer:
             # A package that is not installed takes its commands with it, not the others
             if error.name not in (point.module, point.module.split(".")[0]):
                 raise
+    only = [command for command in app.registered_commands if command.name == asked]
+    app.registered_commands = only or app.registered_commands
     for command in app.registered_commands:
         command.cls = _Command
     return app
@@ -295,7 +303,7 @@ def _told(error: RayMapError) -> str:
 def main() -> None:
     """Run the command line: 0 good, 1 a refused request, 2 usage, 130 after Ctrl-C."""
     try:
-        _run(application())
+        _run(application(*sys.argv[1:2]))
     except RayMapError as error:
         typer.echo(_told(error), err=True)
         raise SystemExit(1) from None

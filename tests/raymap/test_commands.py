@@ -14,7 +14,7 @@ import typer
 from typer.testing import CliRunner
 
 import raymap
-from raymap.cli import register
+from raymap.cli import application, register
 from tests.raymap.maps import write_small
 
 _ROOT = Path(__file__).resolve().parents[2]
@@ -171,6 +171,19 @@ def test_help_is_quick_and_loads_no_compiler():
     )
     assert done.stdout.strip() == "[]"
     assert time.perf_counter() - start < 20
+
+
+def test_a_command_is_the_same_without_the_others():
+    run = CliRunner().invoke
+    names = [command.name for command in application().registered_commands]
+    for name in names:
+        alone = application(name)
+        assert [command.name for command in alone.registered_commands] == [name]
+    for asked in (["info", "--help"], ["info"], ["info", "--nonsense"]):
+        alone, among = (run(app, asked) for app in (application("info"), application()))
+        assert (alone.exit_code, alone.output) == (among.exit_code, among.output)
+    for asked in ("--help", "nonsense", ""):
+        assert [command.name for command in application(asked).registered_commands] == names
 
 
 def test_public_names():
