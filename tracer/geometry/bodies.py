@@ -21,6 +21,7 @@ from tracer.geometry.shapes import (
     Rectangle,
     Shape,
     SphereCap,
+    sag_at,
 )
 from tracer.scene.fields import Finite, Length, Node, Placed, Positive
 
@@ -115,7 +116,7 @@ class LensFace(Node):
 
     def sag(self, r: float) -> float:
         """Height above the vertex at distance ``r`` from the axis; nan beyond the surface."""
-        return self._conic(np.zeros(3), np.array([0.0, 0.0, 1.0]), 1.0).sag(r)
+        return sag_at(r, self.curvature, self.conic, self.aspheric)
 
     def _conic(self, vertex: Array, axis: Array, side: float, inner: float = 0.0) -> Conic:
         return Conic(

@@ -7,6 +7,7 @@ describes; compiled code sees only kinds and rows.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -37,6 +38,7 @@ __all__ = [
     "Shape",
     "SphereCap",
     "frame_of",
+    "sag_at",
 ]
 
 Array = NDArray[np.float64]
@@ -347,6 +349,15 @@ class Frustum:
         return _revolve(self.origin, self.axis, profile)
 
 
+def sag_at(r: float, curvature: float, conic: float, aspheric: Sequence[float] = ()) -> float:
+    """Height of a surface of revolution at radius ``r``, as of `Conic`; nan outside it."""
+    inner = 1.0 - (1.0 + conic) * (curvature * r) ** 2
+    if inner < 0.0:
+        return math.nan
+    powers = sum(a * r ** (4 + 2 * k) for k, a in enumerate(aspheric)) if aspheric else 0.0
+    return curvature * r * r / (1.0 + math.sqrt(inner)) + powers
+
+
 @dataclass(frozen=True, eq=False)
 class Conic:
     """Conic of revolution, or even asphere where ``aspheric`` has coefficients of r^4, r^6 ….
@@ -380,11 +391,7 @@ class Conic:
 
     def sag(self, r: float) -> float:
         """Height of the surface above its vertex at radius ``r``; nan outside it."""
-        inner = 1.0 - (1.0 + self.conic) * (self.curvature * r) ** 2
-        if inner < 0.0:
-            return math.nan
-        powers = sum(a * r ** (4 + 2 * k) for k, a in enumerate(self.aspheric))
-        return self.curvature * r * r / (1.0 + math.sqrt(inner)) + powers
+        return sag_at(r, self.curvature, self.conic, self.aspheric)
 
     def bounds(self) -> Bounds:
         sags = [self.sag(self.semi_diameter * k / 64.0) for k in range(65)]

@@ -12,7 +12,7 @@ All statements are closed: touching edges count as apart, up to a rounding of 1e
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,59 +33,76 @@ class _Outline:
     """Bounds of a face for convex functions.
 
     points : (n, 3), the face lies in their hull
-    origin, axis : of a surface of revolution, None for others
+    origin, axis : of a surface of revolution, zero for others
     low, high, inner, outer : range of heights along the axis, of distances from it
-    profile : (n, 2) distance from the axis and height where the distance from any point of the
-        axis is extreme; empty where that is not known
+    profile : (2, 2) distance from the axis and height where the distance from any point of the
+        axis is extreme; nan where that is not known
     """
 
     points: Array
-    origin: Array | None = None
-    axis: Array | None = None
+    origin: Array = field(default_factory=lambda: np.zeros(3))
+    axis: Array = field(default_factory=lambda: np.zeros(3))
     low: float = 0.0
     high: float = 0.0
     inner: float = 0.0
     outer: float = 0.0
-    profile: Array | None = None
+    profile: Array = field(default_factory=lambda: np.full((2, 2), np.nan))
 
-    def on(self, point: Array, direction: Array, rounding: float) -> bool:
-        """Whether the axis is that of a line."""
-        if self.axis is None or self.origin is None:
-            return False
-        if abs(abs(float(self.axis @ direction)) - 1.0) > 1e-12:
-            return False
+
+class _Outlines:
+    """Bounds of all faces and boxes, compared together: columns of what `_Outline` says."""
+
+    def __init__(self, outlines: Sequence[_Outline]) -> None:
+        most = max(len(item.points) for item in outlines)
+        # Repeated points change no hull
+        grid = [item.points[np.arange(most) % len(item.points)] for item in outlines]
+        self.points = np.array(grid)
+        self.lowest, self.highest = self.points.min(axis=1), self.points.max(axis=1)
+        self.origin = np.array([item.origin for item in outlines])
+        self.axis = np.array([item.axis for item in outlines])
+        self.turned = self.axis.any(axis=1)
+        limits = [(item.low, item.high, item.inner, item.outer) for item in outlines]
+        self.low, self.high, self.inner, self.outer = np.array(limits).T
+        self.profile = np.array([item.profile for item in outlines])
+        self.known = ~np.isnan(self.profile).any(axis=(1, 2))
+
+    def on(self, point: Array, direction: Array, rounding: float) -> Flags:
+        """Whose axis is that of a line."""
+        along = np.abs(np.abs(self.axis @ direction) - 1.0) <= 1e-12
         away = point - self.origin
-        return bool(np.linalg.norm(away - (away @ self.axis) * self.axis) <= rounding)
+        across = away - (away * self.axis).sum(axis=1)[:, None] * self.axis
+        near = np.linalg.norm(across, axis=1) <= rounding
+        return np.asarray(self.turned & along & near)
 
-    def heights(self, point: Array, direction: Array) -> tuple[float, float]:
+    def heights(self, point: Array, direction: Array) -> tuple[Array, Array]:
         """Range of the coordinate along a direction, counted from a point."""
         along = (self.points - point) @ direction
-        low, high = float(along.min()), float(along.max())
-        if self.axis is not None and self.origin is not None:
-            slope = float(self.axis @ direction)
-            start = float((self.origin - point) @ direction)
-            ends = (start + slope * self.low, start + slope * self.high)
-            reach = self.outer * max(0.0, 1.0 - slope * slope) ** 0.5
-            low, high = max(low, min(ends) - reach), min(high, max(ends) + reach)
-        return low, high
+        slope = self.axis @ direction
+        start = (self.origin - point) @ direction
+        first, last = start + slope * self.low, start + slope * self.high
+        # The sine, from what is left of the axis: 1 - slope² has lost it where both are parallel
+        reach = self.outer * np.linalg.norm(self.axis - slope[:, None] * direction, axis=1)
+        low, high = along.min(axis=1), along.max(axis=1)
+        least = np.maximum(low, np.minimum(first, last) - reach)
+        most = np.minimum(high, np.maximum(first, last) + reach)
+        return np.where(self.turned, least, low), np.where(self.turned, most, high)
 
-    def reach(self, point: Array, direction: Array, coaxial: bool) -> tuple[float, float]:
+    def reach(self, point: Array, direction: Array, coaxial: Flags) -> tuple[Array, Array]:
         """Range of the distance from a line."""
-        if coaxial:
-            return self.inner, self.outer
         away = self.points - point
-        across = away - np.outer(away @ direction, direction)
-        return 0.0, float(np.linalg.norm(across, axis=1).max())
+        across = away - (away @ direction)[..., None] * direction
+        farthest = np.linalg.norm(across, axis=2).max(axis=1)
+        return np.where(coaxial, self.inner, 0.0), np.where(coaxial, self.outer, farthest)
 
-    def distances(self, center: Array, coaxial: bool) -> tuple[float, float]:
+    def distances(self, center: Array, coaxial: Flags) -> tuple[Array, Array]:
         """Range of the distance from a point."""
-        if coaxial and not (self.profile is None or self.axis is None or self.origin is None):
-            height = float((center - self.origin) @ self.axis)
-            found = np.hypot(self.profile[:, 0], self.profile[:, 1] - height)
-            return float(found.min()), float(found.max())
-        gap = np.maximum(0.0, np.maximum(self.points.min(0) - center, center - self.points.max(0)))
-        away = np.linalg.norm(self.points - center, axis=1)
-        return float(np.linalg.norm(gap)), float(away.max())
+        gap = np.maximum(0.0, np.maximum(self.lowest - center, center - self.highest))
+        least = np.linalg.norm(gap, axis=1)
+        most = np.linalg.norm(self.points - center, axis=2).max(axis=1)
+        known = coaxial & self.known
+        height = ((center - self.origin) * self.axis).sum(axis=1)
+        found = np.hypot(self.profile[:, :, 0], self.profile[:, :, 1] - height[:, None])
+        return np.where(known, found.min(axis=1), least), np.where(known, found.max(axis=1), most)
 
 
 class Precedence:
@@ -99,53 +116,49 @@ class Precedence:
 
     def __init__(self, shapes: Sequence[Shape], boxes: Sequence[tuple[Array, Array]]) -> None:
         self.n = len(shapes)
-        outlines = [_outline(shape) for shape in shapes]
-        outlines += [_Outline(_corners(low, high)) for low, high in boxes]
-        points = np.concatenate([item.points for item in outlines])
+        items = [_outline(shape) for shape in shapes]
+        items += [_Outline(_corners(low, high)) for low, high in boxes]
+        points = np.concatenate([item.points for item in items])
         self._rounding = _ROUNDING * float(1.0 + np.abs(points[np.isfinite(points)]).max())
-        total = len(outlines)
+        total = len(items)
         # Convex sets of each face: which outlines lie inside, and which faces have no inner point
         self._holding = np.zeros((total, 10, self.n), bool)
         self._inside = np.zeros((total, self.n), bool)
         self._beyond = np.zeros((self.n, self.n), bool)
         self._cleared = np.zeros((total, self.n), bool)
         self._flat = np.array([shape.kind in _FLAT for shape in shapes], bool)
+        outlines = _Outlines(items)
         for g, shape in enumerate(shapes):
-            for s, outline in enumerate(outlines):
-                self._compare(shape, outlines[g], g, outline, s)
+            self._compare(shape, g, outlines)
 
-    def _compare(self, shape: Shape, own: _Outline, g: int, other: _Outline, s: int) -> None:
-        """Note how outline ``s`` lies to the sets of face ``g``."""
+    def _compare(self, shape: Shape, g: int, outlines: _Outlines) -> None:
+        """Note how all outlines lie to the sets of face ``g``."""
         tiny = self._rounding
-        holding = self._holding[s, :, g]
-        low, high = own.points.min(0), own.points.max(0)
-        holding[0:3] = other.points.max(0) <= low + tiny
-        holding[3:6] = other.points.min(0) >= high - tiny
+        holding = self._holding[:, :, g]
+        holding[:, 0:3] = outlines.highest <= outlines.lowest[g] + tiny
+        holding[:, 3:6] = outlines.lowest >= outlines.highest[g] - tiny
         row = shape.row()
         point, axis = row[0:3], row[3:6]
         if not np.any(axis):
             return
-        coaxial = other.on(point, axis, tiny)
-        own_low, own_high = own.heights(point, axis)
-        its_low, its_high = other.heights(point, axis)
-        holding[6] = its_high <= own_low + tiny
-        holding[7] = its_low >= own_high - tiny
-        nearest, farthest = other.reach(point, axis, coaxial)
+        coaxial = outlines.on(point, axis, tiny)
+        low, high = outlines.heights(point, axis)
+        holding[:, 6] = high <= low[g] + tiny
+        holding[:, 7] = low >= high[g] - tiny
+        own = np.arange(len(holding)) == g
+        others = ~own[: self.n]
         if shape.kind == ANNULUS:
-            holding[8] = row[6] > 0.0 and farthest <= row[6] ** 0.5 + tiny
+            _, farthest = outlines.reach(point, axis, coaxial)
+            holding[:, 8] = (row[6] > 0.0) & (farthest <= max(row[6], 0.0) ** 0.5 + tiny)
         elif shape.kind == CYLINDER:
-            holding[8] = s == g or farthest <= row[6] + tiny
-            self._inside[s, g] = holding[8]
-            if s < self.n:
-                self._beyond[g, s] = s != g and nearest >= row[6] - tiny
+            nearest, farthest = outlines.reach(point, axis, coaxial)
+            self._inside[:, g] = holding[:, 8] = own | (farthest <= row[6] + tiny)
+            self._beyond[g] = others & (nearest[: self.n] >= row[6] - tiny)
         elif shape.kind == SPHERE:
-            center = point + row[6] * axis
-            least, most = other.distances(center, coaxial)
-            holding[9] = s == g or most <= row[6] + tiny
-            self._inside[s, g] = holding[9]
-            self._cleared[s, g] = s == g or least >= row[6] - tiny
-            if s < self.n:
-                self._beyond[g, s] = s != g and least >= row[6] - tiny
+            least, most = outlines.distances(point + row[6] * axis, coaxial)
+            self._inside[:, g] = holding[:, 9] = own | (most <= row[6] + tiny)
+            self._cleared[:, g] = own | (least >= row[6] - tiny)
+            self._beyond[g] = others & (least[: self.n] >= row[6] - tiny)
 
     def excluded(self, start: int, sphere_entered: bool) -> Flags:
         """(n, n): [F, G] is set where no ray from ``start`` meets G before it meets F.
@@ -156,10 +169,8 @@ class Precedence:
         sphere_entered : speaks of rays that meet spheres F from outside if they start outside
         """
         holding = self._holding[start]
-        found = np.zeros((self.n, self.n), bool)
-        for k in range(holding.shape[0]):
-            # A convex set of G holds the start and F
-            found |= self._holding[: self.n, k, :] & holding[k][None, :]
+        # A convex set of G holds the start and F
+        found: Flags = (self._holding[: self.n] & holding).any(axis=1)
         for k in (6, 7):
             # F is flat, the start on one side of its plane, G on the other
             found |= self._flat[:, None] & holding[k][:, None] & self._holding[: self.n, 13 - k].T
@@ -210,5 +221,5 @@ def _outline(shape: Shape) -> _Outline:
         high=max(heights),
         inner=min(radii),
         outer=outer,
-        profile=np.array(ends) if known else None,
+        profile=np.array(ends) if known else np.full((2, 2), np.nan),
     )
