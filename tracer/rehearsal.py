@@ -48,6 +48,8 @@ def order_faces(compilation: Compilation) -> Compilation:
     A few rays are traced to find out, the same for every trace of the scene.
     """
     arrays = compilation.arrays
+    if not len(arrays.face_i):
+        return compilation  # light alone, and detectors that it passes
     engine = Wavefront(arrays, 0, meshes=compilation.solids, weighted=True)
     rays = max(64, _PILOT_RAYS // engine.fan)
     portion = engine.trace(0, rays, reuse=True)
