@@ -67,6 +67,33 @@ class Itineraries(NamedTuple):
     detector: NDArray[np.int16]
     registered: NDArray[np.bool_]
 
+    def with_sums(
+        self,
+        rays: NDArray[np.int64],
+        sum_w: NDArray[np.float64],
+        sum_w2: NDArray[np.float64],
+        sum_wc: tuple[NDArray[np.float64], ...],
+        *,
+        grouped: bool,
+    ) -> PathDictionary:
+        """The paths with how much light took them."""
+        return PathDictionary(
+            source=self.source,
+            offsets=self.offsets,
+            object=self.object,
+            face=self.face,
+            event=self.event,
+            medium=self.medium,
+            detector_offsets=offsets_of(self.meetings),
+            detector=self.detector,
+            registered=self.registered,
+            rays=rays,
+            sum_w=sum_w,
+            sum_w2=sum_w2,
+            sum_wc=sum_wc,
+            grouped=grouped,
+        )
+
 
 class FoundPaths(NamedTuple):
     """The different paths of a portion.
@@ -318,21 +345,11 @@ class PathMerger:
     def dictionary(self) -> PathDictionary:
         """The merged dictionary as it stands."""
         n = self.n_paths
-        table = _unpacked(self._paths, np.arange(n))
-        return PathDictionary(
-            source=table.source,
-            offsets=table.offsets,
-            object=table.object,
-            face=table.face,
-            event=table.event,
-            medium=table.medium,
-            detector_offsets=offsets_of(table.meetings),
-            detector=table.detector,
-            registered=table.registered,
-            rays=self._rays[:n].copy(),
-            sum_w=self._sum_w[:n].copy(),
-            sum_w2=self._sum_w2[:n].copy(),
-            sum_wc=tuple(sums[:n].copy() for sums in self._sum_wc),
+        return _unpacked(self._paths, np.arange(n)).with_sums(
+            self._rays[:n].copy(),
+            self._sum_w[:n].copy(),
+            self._sum_w2[:n].copy(),
+            tuple(sums[:n].copy() for sums in self._sum_wc),
             grouped=self.grouped,
         )
 

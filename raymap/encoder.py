@@ -405,8 +405,8 @@ def _compact(counts: NDArray[Any]) -> NDArray[Any]:
 def _with_sums(
     found: FoundPaths, portion: Portion, offsets: NDArray[np.int64], n_channel_sets: int
 ) -> PathDictionary:
-    table, path_numbers, rays = found.table, found.numbers, found.rays
-    n_paths = table.source.size
+    path_numbers, rays = found.numbers, found.rays
+    n_paths = len(rays)
     if portion.weight is None and portion.emission is None:
         sum_w, sum_w2 = rays.astype(np.float64), rays.astype(np.float64)
     else:
@@ -420,21 +420,8 @@ def _with_sums(
     colors = (sums / COLOR_SCALE if sums.dtype == np.uint64 else sums).astype(np.float64)
     sets = [np.zeros((n_paths, 0)) for _ in range(max(n_channel_sets, portion.channel_set + 1))]
     sets[portion.channel_set] = colors
-    return PathDictionary(
-        source=table.source,
-        offsets=table.offsets,
-        object=table.object,
-        face=table.face,
-        event=table.event,
-        medium=table.medium,
-        detector_offsets=offsets_of(table.meetings),
-        detector=table.detector,
-        registered=table.registered,
-        rays=rays,
-        sum_w=sum_w,
-        sum_w2=sum_w2,
-        sum_wc=tuple(sets),
-        grouped=portion.emission is not None,
+    return found.table.with_sums(
+        rays, sum_w, sum_w2, tuple(sets), grouped=portion.emission is not None
     )
 
 

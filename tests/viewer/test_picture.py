@@ -6,16 +6,15 @@ import json
 import struct
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
-from typer.testing import CliRunner
 
 import raymap
 from query import hit
 from query.json_form import to_json
-from raymap.cli import main
 from raymap.events import FAMILIES
 from tests.viewer.small_map import write_map
 from viewer import ViewState, picture, save_state
@@ -27,7 +26,6 @@ from viewer.scene import load_bodies
 from viewer.state import Section, StateError
 
 KEPT = Path(__file__).parent.parent / "data" / "pictures"
-runner = CliRunner()
 
 SCENES = {
     "side": {"criterion": "", "view": "side", "state": ViewState()},
@@ -67,32 +65,13 @@ def test_pictures_look_as_they_did(small_map: raymap.RayMap, name: str, tmp_path
     assert distance(empty, kept) > 2.0
 
 
-def run(*arguments: object) -> tuple[int, str]:
-    """The command as the shell runs it: exit status and stderr or stdout."""
-    import contextlib
-    import io
-    import sys
-
-    out, err, saved = io.StringIO(), io.StringIO(), sys.argv
-    sys.argv = ["raymap", *map(str, arguments)]
-    try:
-        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-            main()
-        status = 0
-    except SystemExit as end:
-        status = int(end.code or 0)
-    finally:
-        sys.argv = saved
-    return status, out.getvalue() + err.getvalue()
-
-
-def test_the_command_paints(map_path: Path, tmp_path: Path) -> None:
+def test_the_command_paints(run: Any, map_path: Path, tmp_path: Path) -> None:
     out = tmp_path / "a.png"
-    status, text = run(
+    status, text, said = run(
         "picture", map_path, 'detected("sensor")', "-o", out, "--width", 200, "--height", 120,
         "--color", "ending", "--view", "tilted", "--section", "-x=1", "--hide", "tube", "--json",
     )  # fmt: skip
-    assert status == 0, text
+    assert status == 0, said
     answer = json.loads(text)
     assert (answer["width"], answer["height"]) == (200, 120)
     with Image.open(out) as image:
@@ -116,10 +95,10 @@ def test_the_command_paints(map_path: Path, tmp_path: Path) -> None:
     ],
 )
 def test_the_command_refuses_in_one_line(
-    map_path: Path, tmp_path: Path, arguments: list[str], says: str
+    run: Any, map_path: Path, tmp_path: Path, arguments: list[str], says: str
 ) -> None:
     out = tmp_path / "a.png"
-    status, text = run("picture", map_path, "-o", out, *arguments)
+    status, _, text = run("picture", map_path, "-o", out, *arguments)
     assert status == 1
     assert text.startswith("error: ")
     assert says in text
@@ -138,14 +117,14 @@ def test_a_picture_that_cannot_be_written_leaves_nothing(
     assert [entry.name for entry in tmp_path.iterdir() if entry.is_file()] == []
 
 
-def test_a_damaged_map_is_painted_without_its_lost_portion(tmp_path: Path) -> None:
+def test_a_damaged_map_is_painted_without_its_lost_portion(run: Any, tmp_path: Path) -> None:
     path = write_map(tmp_path / "hurt.raymap", portions=3, rays=100)
     with raymap.open(path) as ray_map:
         middle = ray_map.portions[1].offset + ray_map.portions[1].stored_bytes // 2
     data = bytearray(path.read_bytes())
     data[middle] ^= 0xFF
     path.write_bytes(data)
-    status, text = run("picture", path, "-o", tmp_path / "a.png", "--width", 80, "--height", 60)
+    status, _, text = run("picture", path, "-o", tmp_path / "a.png", "--width", 80, "--height", 60)
     assert status == 0, text
     assert "warning" in text
 
