@@ -10,11 +10,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from query.kleene import Bools, Pair
 from query.scans import expand_rows, ray_offsets
 from raymap.directory import ChannelSet
 from raymap.events import Event
@@ -24,25 +25,12 @@ from raymap.portion import Descriptors
 if TYPE_CHECKING:
     from query.bound import BoundNode
 
-__all__ = ["Cancelled", "Context", "Pair", "PathContext", "RayContext", "StoredRays", "offsets_of"]
-
-Bools = NDArray[np.bool_]
+__all__ = ["Cancelled", "Context", "PathContext", "RayContext", "StoredRays", "offsets_of"]
 Ints = NDArray[np.integer]
 
 
 class Cancelled(Exception):
     """The search was cancelled; what was found so far stays valid."""
-
-
-class Pair(NamedTuple):
-    """Kleene truth of many points or rays: true where certain, false where not possible."""
-
-    certain: Bools
-    possible: Bools
-
-    @property
-    def exact(self) -> bool:
-        return self.certain is self.possible
 
 
 class StoredRays(Protocol):

@@ -7,13 +7,14 @@ the answer is a Kleene pair; on rays with their streams the pair is exact. `coun
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from query import bound as b
-from query.context import Context, Pair, RayContext
+from query.context import Context, RayContext
+from query.kleene import Bools, Pair, apply, combine, exactly, gather, interval
 from query.measures import incidence_angles, optical_lengths, path_lengths
 from query.path_machine import PRINCIPAL
 from query.recorded import recorded_values
@@ -33,8 +34,6 @@ from raymap.schema import UV_SCALE
 
 __all__ = ["evaluate"]
 
-Bools = NDArray[np.bool_]
-
 
 def evaluate(context: Context, node: b.BoundNode) -> Pair:
     """Truth of a criterion for every ray of the context."""
@@ -42,7 +41,7 @@ def evaluate(context: Context, node: b.BoundNode) -> Pair:
     if known is None:
         if isinstance(context, RayContext) and not node.streams:
             # The path decides: no need to look at the ray.
-            known = _gather(evaluate(context.base, node), context.path)
+            known = gather(evaluate(context.base, node), context.path)
         else:
             known = _RAY[type(node)](context, node)
         context.ray_results[node] = known
@@ -54,26 +53,11 @@ def at_points(context: Context, node: b.BoundNode) -> Pair:
     known = context.point_results.get(node)
     if known is None:
         if isinstance(context, RayContext) and not node.streams:
-            known = _gather(at_points(context.base, node), context.rows)
+            known = gather(at_points(context.base, node), context.rows)
         else:
             known = _POINT[type(node)](context, node)
         context.point_results[node] = known
     return known
-
-
-def _gather(pair: Pair, rows: NDArray[np.integer]) -> Pair:
-    certain = pair.certain[rows]
-    return Pair(certain, certain)
-
-
-def _both(mask: Bools) -> Pair:
-    return Pair(mask, mask)
-
-
-def _map(pair: Pair, function: Callable[[Bools], Bools]) -> Pair:
-    """Apply a monotone function to both sides."""
-    certain = function(pair.certain)
-    return Pair(certain, certain if pair.exact else function(pair.possible))
 
 
 def _unknown(context: Context) -> Pair:
@@ -83,41 +67,18 @@ def _unknown(context: Context) -> Pair:
 # Logic, the same for points and for rays.
 
 
-def _negate(pair: Pair) -> Pair:
-    certain = ~pair.possible
-    return Pair(certain, certain if pair.exact else ~pair.certain)
-
-
-def _combine(operator: str, pairs: Sequence[Pair]) -> Pair:
-    if operator == "not":
-        return _negate(pairs[0])
-    result = pairs[0]
-    for pair in pairs[1:]:
-        exact = result.exact and pair.exact
-        if operator == "xor" and not exact:
-            result = Pair(
-                (result.certain & ~pair.possible) | (pair.certain & ~result.possible),
-                (result.possible & ~pair.certain) | (pair.possible & ~result.certain),
-            )
-            continue
-        join = {"and": np.logical_and, "or": np.logical_or, "xor": np.logical_xor}[operator]
-        certain = join(result.certain, pair.certain)
-        result = Pair(certain, certain if exact else join(result.possible, pair.possible))
-    return result
-
-
 def _ray_logic(context: Context, node: b.BoundLogic) -> Pair:
-    return _combine(node.operator, [evaluate(context, arg) for arg in node.args])
+    return combine(node.operator, [evaluate(context, arg) for arg in node.args])
 
 
 def _point_logic(context: Context, node: b.BoundLogic) -> Pair:
-    return _combine(node.operator, [at_points(context, arg) for arg in node.args])
+    return combine(node.operator, [at_points(context, arg) for arg in node.args])
 
 
 def _point_all(context: Context, node: b.BoundAll) -> Pair:
     if not node.args:
-        return _both(np.ones(context.n_points, np.bool_))
-    return _combine("and", [at_points(context, arg) for arg in node.args])
+        return exactly(np.ones(context.n_points, np.bool_))
+    return combine("and", [at_points(context, arg) for arg in node.args])
 
 
 # Point conditions.
@@ -125,7 +86,7 @@ def _point_all(context: Context, node: b.BoundAll) -> Pair:
 
 def _point_hit(context: Context, node: b.BoundHit) -> Pair:
     if node.any_place:
-        return _both(_events(context, node.events))
+        return exactly(_events(context, node.events))
     place = _places(context, node)
     # Emission is not a hit.
     if context.n_rays:
@@ -134,7 +95,7 @@ def _point_hit(context: Context, node: b.BoundHit) -> Pair:
     if not node.events:
         return place
     happened = _events(context, node.events)
-    return _map(place, lambda mask: mask & happened)
+    return apply(place, lambda mask: mask & happened)
 
 
 def _places(context: Context, node: b.BoundHit) -> Pair:
@@ -169,27 +130,27 @@ def _events(context: Context, events: b.EventMasks) -> Bools:
 
 def _some_point(context: Context, node: b.BoundNode) -> Pair:
     """A point condition asked of a ray: at some point."""
-    return _map(at_points(context, node), lambda mask: any_of_ray(mask, context.offsets))
+    return apply(at_points(context, node), lambda mask: any_of_ray(mask, context.offsets))
 
 
 def _last(context: Context, node: b.BoundLast) -> Pair:
-    return _map(at_points(context, node.point), lambda mask: mask[context.last_rows])
+    return apply(at_points(context, node.point), lambda mask: mask[context.last_rows])
 
 
 # Sources, media, detectors.
 
 
 def _everything(context: Context, node: b.BoundEverything) -> Pair:
-    return _both(np.ones(context.n_rays, np.bool_))
+    return exactly(np.ones(context.n_rays, np.bool_))
 
 
 def _source(context: Context, node: b.BoundSource) -> Pair:
-    return _both(look_up(node.table, context.source))
+    return exactly(look_up(node.table, context.source))
 
 
 def _medium(context: Context, node: b.BoundMedium) -> Pair:
     # No segment starts at the last point.
-    return _both(any_before_last(look_up(node.table, context.medium), context.offsets))
+    return exactly(any_before_last(look_up(node.table, context.medium), context.offsets))
 
 
 def _meetings(context: Context, node: b.BoundDetected) -> Pair:
@@ -198,7 +159,7 @@ def _meetings(context: Context, node: b.BoundDetected) -> Pair:
     if node.registered:
         met &= context.registered
     if not node.regions:
-        return _both(met)
+        return exactly(met)
     uv = context.uv
     if uv is None:
         return Pair(np.zeros_like(met), met)
@@ -210,7 +171,7 @@ def _meetings(context: Context, node: b.BoundDetected) -> Pair:
         for region in regions:
             here |= _inside(region, place)
         inside[chosen] = here
-    return _both(inside)
+    return exactly(inside)
 
 
 def _inside(region: b.BoundRegion, uv: NDArray[np.float64]) -> Bools:
@@ -227,7 +188,7 @@ def _inside(region: b.BoundRegion, uv: NDArray[np.float64]) -> Bools:
 
 def _detected(context: Context, node: b.BoundDetected) -> Pair:
     offsets = context.ray_meeting_offsets
-    return _map(_meetings(context, node), lambda mask: any_of_ray(mask, offsets))
+    return apply(_meetings(context, node), lambda mask: any_of_ray(mask, offsets))
 
 
 # Order and path expressions: monotone in their marks, so each side of the pair is one run.
@@ -253,7 +214,7 @@ def _then(context: Context, node: b.BoundThen) -> Pair:
 
     certain = run([pair.certain for pair in pairs])
     if all(pair.exact for pair in pairs):
-        return _both(certain)
+        return exactly(certain)
     return Pair(certain, run([pair.possible for pair in pairs]))
 
 
@@ -292,9 +253,9 @@ def _path(context: Context, node: b.BoundPath) -> Pair:
         )
 
     if not machine.needs_triangles:
-        return _both(run(0))
+        return exactly(run(0))
     if triangle is not None:
-        return _both(run(2))
+        return exactly(run(2))
     return Pair(run(0), run(1))
 
 
@@ -312,29 +273,14 @@ def _count(context: Context, node: b.BoundCount) -> Pair:
     pair = at_points(context, node.point)
     least = count_of_ray(pair.certain, context.offsets)
     if pair.exact:
-        return _both(_compare(node.operator, least, node.value))
+        return exactly(_compare(node.operator, least, node.value))
     most = count_of_ray(pair.possible, context.offsets)
     return interval(node.operator, least, most, node.value)
 
 
-def interval(
-    operator: str, least: NDArray[np.integer], most: NDArray[np.integer], value: float
-) -> Pair:
-    """Compare whole numbers known to lie in [least, most], all of which are possible."""
-    if operator in ("==", "!="):
-        whole = float(value).is_integer()
-        possible = (least <= value) & (value <= most) & whole
-        certain = possible & (least == most)
-        equal = Pair(certain, possible)
-        return equal if operator == "==" else _negate(equal)
-    compare = COMPARISONS[operator]
-    low, high = compare(least, value), compare(most, value)
-    return Pair(low & high, low | high)
-
-
 def _bounces(context: Context, node: b.BoundBounces) -> Pair:
     between = np.maximum(context.lengths - 2, 0)
-    return _both(_compare(node.operator, between, node.value))
+    return exactly(_compare(node.operator, between, node.value))
 
 
 def _flux(context: Context, node: b.BoundFlux) -> Pair:
@@ -343,21 +289,21 @@ def _flux(context: Context, node: b.BoundFlux) -> Pair:
         if not isinstance(context, RayContext):
             return _unknown(context)
         flux = flux * context.weight
-    return _both(_compare(node.operator, flux, node.value))
+    return exactly(_compare(node.operator, flux, node.value))
 
 
 def _wavelength(context: Context, node: b.BoundWavelength) -> Pair:
     if not node.possible:
-        return _both(np.zeros(context.n_rays, np.bool_))
+        return exactly(np.zeros(context.n_rays, np.bool_))
     if not isinstance(context, RayContext):
         return _unknown(context)
-    return _both(_compare(node.operator, context.wavelength, node.value))
+    return exactly(_compare(node.operator, context.wavelength, node.value))
 
 
 def _length(context: Context, node: b.BoundLength) -> Pair:
     if not isinstance(context, RayContext):
         return _unknown(context)
-    return _both(_compare(node.operator, _lengths(context, node.optical), node.value))
+    return exactly(_compare(node.operator, _lengths(context, node.optical), node.value))
 
 
 def _lengths(context: RayContext, optical: bool) -> NDArray[np.float64]:
@@ -381,7 +327,7 @@ def _lengths(context: RayContext, optical: bool) -> NDArray[np.float64]:
 def _incidence(context: Context, node: b.BoundIncidence) -> Pair:
     if not isinstance(context, RayContext):
         points = at_points(context, node.point)
-        met = _map(points, lambda mask: any_of_ray(mask, context.offsets))
+        met = apply(points, lambda mask: any_of_ray(mask, context.offsets))
         return Pair(np.zeros_like(met.possible), met.possible)
     ray, step, face = _surface_points(context, node.point)
     records = context.starts[ray] + step
@@ -389,7 +335,7 @@ def _incidence(context: Context, node: b.BoundIncidence) -> Pair:
     angles = incidence_angles(context.position, normal, records)
     found = np.zeros(context.n_rays, np.bool_)
     found[ray[_compare(node.operator, angles, node.value)]] = True
-    return _both(found)
+    return exactly(found)
 
 
 def _surface_points(
@@ -418,7 +364,7 @@ def _surface_points(
 
 def _recorded(context: Context, node: b.BoundRecorded) -> Pair:
     if not node.stored:
-        return _both(np.zeros(context.n_rays, np.bool_))
+        return exactly(np.zeros(context.n_rays, np.bool_))
     points = None if node.point is None else at_points(context, node.point)
     if not isinstance(context, RayContext):
         if points is None:
@@ -427,12 +373,12 @@ def _recorded(context: Context, node: b.BoundRecorded) -> Pair:
         return Pair(np.zeros_like(met), met)
     if points is None:
         values = recorded_values(context, node.word, None)
-        return _both(_compare(node.operator, values, node.value))
+        return exactly(_compare(node.operator, values, node.value))
     chosen = np.flatnonzero(points.certain)
     marks = np.zeros(context.n_points, np.bool_)
     values = recorded_values(context, node.word, chosen)
     marks[chosen] = _compare(node.operator, values, node.value)
-    return _both(any_of_ray(marks, context.offsets))
+    return exactly(any_of_ray(marks, context.offsets))
 
 
 _RAY: dict[type[b.BoundNode], Callable[..., Pair]] = {

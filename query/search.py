@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from query.bound import BoundNode
-from query.context import Pair, PathContext, RayContext
+from query.context import PathContext, RayContext
 from query.evaluate import evaluate
+from query.kleene import Pair
 from query.scans import look_up
 from raymap.directory import ChannelSet
 
