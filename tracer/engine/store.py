@@ -33,12 +33,17 @@ from tracer.engine.buffers import (
 )
 from tracer.engine.records import ENDING
 from tracer.geometry.kinds import F64, I64
+from tracer.geometry.prefetch import prefetch
 from tracer.scene.arrays import I32
 
 __all__ = ["Columns", "copy_records", "store_block"]
 
 I16 = NDArray[np.int16]
 U16 = NDArray[np.uint16]
+
+
+_AHEAD = 12
+"""Records that are fetched before their turn."""
 
 
 class Columns(NamedTuple):
@@ -140,6 +145,8 @@ def copy_records(
             _quantise(colors, k, columns.color_table, k)
         n_colors = n_sources
     for k in range(total):
+        # The records of a ray lie scattered in memory
+        prefetch(words, order[unsigned(min(k + _AHEAD, total - 1))])
         r = unsigned(order[k])
         place = unsigned(n_records + k)
         columns.position[place, 0] = real[r, X]
