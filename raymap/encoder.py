@@ -19,22 +19,15 @@ from raymap.dictionary import (
     offsets_of,
 )
 from raymap.directory import Directory
-from raymap.geometry import (
-    end_residuals,
-    gather_coordinates,
-    imply_normals,
-    normal_residuals,
-    other_residuals,
-    position_residuals,
-    resolve_codes,
-)
 from raymap.layout import PORTION, pack_chunk_header
 from raymap.meetings import compile_detectors, encode_meetings
+from raymap.normals import end_residuals, imply_normals, normal_residuals, other_residuals
 from raymap.paths import PathDictionary
 from raymap.pathwords import face_columns
 from raymap.planes import split_positions
 from raymap.portion import Portion
 from raymap.portionmeta import DESCRIPTOR_STREAMS, Encoding, PortionMeta
+from raymap.positions import gather_coordinates, position_residuals, resolve_codes
 from raymap.schema import COLOR_SCALE
 from raymap.scratch import BufferPool, scratch
 from raymap.shapes import (

@@ -108,7 +108,7 @@ class PortionGeometry(PortionStreams):
         self, triangles: NDArray[np.int32] | None
     ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int64]]:
         """(shape codes, primitives or (0,) where no code needs them, record offsets)."""
-        from raymap.geometry import resolve_codes
+        from raymap.positions import resolve_codes
         from raymap.shapes import MANY, RayShapes, shape_codes
 
         paths = self.paths()
@@ -139,7 +139,7 @@ class PortionGeometry(PortionStreams):
             for axis, name in enumerate("xyz"):
                 self._read_coordinate(f"position.{name}", axis, out)
             return out
-        from raymap.geometry import join_coordinates, solve_positions
+        from raymap.positions import join_coordinates, solve_positions
 
         shapes = self._map.shapes
         several = solve_faces and len(shapes.primitive_quadric) > 0
@@ -209,7 +209,7 @@ class PortionGeometry(PortionStreams):
         ):
             column: NDArray[np.int16] = self._normals(position)
             return column[np.asarray(records)]
-        from raymap.geometry import normals_of_records
+        from raymap.normals import normals_of_records
 
         n = self.n_records
         out = np.empty((len(records), 3), np.int16)
@@ -233,7 +233,7 @@ class PortionGeometry(PortionStreams):
             for axis, name in enumerate("xyz"):
                 out[:, axis] = self._stream(f"normal.{name}", n, np.int16)
             return out
-        from raymap.geometry import decode_normals
+        from raymap.normals import decode_normals
 
         shapes = self._map.shapes
         codes, triangles, offsets = self._shape_codes(None)

@@ -49,7 +49,7 @@ class ShapeTable(NamedTuple):
 
     Attributes
     ----------
-    solve : (n, 10) coefficients in the order in which `raymap.geometry.solve` takes them
+    solve : (n, 10) coefficients in the order in which `raymap.positions.solve_positions` takes them
     gradient : (n, 10) coefficients as the directory has them
     axis : (n,) coordinate that is rebuilt, -1 none
     face_code : (n_faces,) shape code of points on each face
