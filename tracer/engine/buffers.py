@@ -4,8 +4,10 @@ A *block* is a few thousand rays traced in step. Records are written as they hap
 eleven words, so that a record is one cache line at most); `tracer.engine.store` puts them in ray
 order.
 
-Columns are rows of a few two-dimensional arrays: compiled functions take few arguments. Rows are
-padded by an odd number of cache lines, or equal places of all rows would share a set of the cache.
+Columns are rows of a few two-dimensional arrays: compiled functions take few arguments. Rays on
+their way are looked up in any order, so all of a ray stands together in memory; bundles are worked
+on column by column, so there the rays of a column do. Their rows are padded by an odd number of
+cache lines, or equal places of all rows would share a set of the cache.
 """
 
 from __future__ import annotations
@@ -36,11 +38,11 @@ T, WEIGHT = 6, 7
 MESH_POINT, MESH_NORMAL, MESH_SHADING, MESH_ROWS = 8, 11, 14, 17
 
 # Rows of live_i: face met next, face on which the ray stands (-1 none), departure (list of
-# candidates), order of departure, nest, medium, colour code, random state (bits), ray in the block,
+# candidates), nest, medium, colour code, random state (bits), ray in the block,
 # its last record
-HIT, OWN, KEY, ORDER, NEST, MEDIUM, CODE, RNG, RAY, LAST = range(10)
+HIT, OWN, KEY, NEST, MEDIUM, CODE, RNG, RAY, LAST = range(9)
 # Further rows where there are meshes: mesh and triangle met, those on which the ray stands
-MESH_BODY, MESH_TRIANGLE, OWN_BODY, OWN_TRIANGLE = range(10, 14)
+MESH_BODY, MESH_TRIANGLE, OWN_BODY, OWN_TRIANGLE = range(9, 13)
 
 # Rows of bundle_i: face on which each ray stands, faces met (two rows), slot
 BUNDLE_OWN, BUNDLE_CODE, BUNDLE_SLOT = 0, 1, 3
@@ -48,8 +50,11 @@ BUNDLE_OWN, BUNDLE_CODE, BUNDLE_SLOT = 0, 1, 3
 # Words of a record
 X, Y, Z, NORMAL_XY, NORMAL_Z, TRIANGLE, EVENT, R_MEDIUM, R_CODE, COUNT, CHAIN = range(11)
 
+COUNTED = 1 << 30
+"""Bit of ``owners`` of records that count in the sums of a trace."""
+
 # Words of a descriptor
-D_DETECTOR, D_CELL, D_UV, D_COSINE, D_REGISTERED, D_PREVIOUS = range(6)
+D_DETECTOR, D_CELL, D_UV, D_COSINE, D_REGISTERED, D_PREVIOUS, D_RECORD = range(7)
 
 # Rows of ray_i: number of records of each ray of the block
 N_RECORDS = 0
@@ -60,12 +65,13 @@ Array = TypeVar("Array", bound=NDArray[np.generic])
 class Buffers(NamedTuple):
     """All arrays that change while a block is traced.
 
-    live_f (8, block), live_i (10, block) : rays on their way, packed to the front
+    live_f (8, block), live_i (9, block) : rays on their way, packed to the front
+    order (block,) : their slots by departure
     ray_i (1, block), ray_f (block,) : per ray its records and its final weight
     words (n, 11), real : records as they happen, and the same memory as float32
-    owners (n,) : of every record the ray of the block
+    owners (n,) : of every record the ray of the block, with `COUNTED` where the ray ends
     exact : empty, or (n, 3) positions in float64
-    meetings (n, 6), meeting_t : descriptors as they happen, chained per record
+    meetings (n, 7), meeting_t : descriptors as they happen, chained per record
     colors (n, C) : mixed colours
     counters : see above
     bundle_f (8, BUNDLE), bundle_i (4, BUNDLE), bins : scratch of the intersection
@@ -74,6 +80,7 @@ class Buffers(NamedTuple):
 
     live_f: F64
     live_i: I64
+    order: I64
     ray_i: I32
     ray_f: F64
     words: I32
@@ -105,15 +112,16 @@ class Workspace:
         return cls(
             block,
             Buffers(
-                live_f=np.empty((MESH_ROWS if meshed else 8, block + _PADDING)),
-                live_i=np.empty((14 if meshed else 10, block + _PADDING), np.int64),
+                live_f=np.empty((block, MESH_ROWS if meshed else 8)).T,
+                live_i=np.empty((block, 13 if meshed else 9), np.int64).T,
+                order=np.empty(block, np.int64),
                 ray_i=np.empty((1, block), np.int32),
                 ray_f=np.empty(block),
                 words=words,
                 real=words.view(np.float32),
                 owners=np.empty(len(words), np.int32),
                 exact=np.empty((len(words) if exact else 0, 3)),
-                meetings=np.empty((4 * block, 6), np.int32),
+                meetings=np.empty((4 * block, 7), np.int32),
                 meeting_t=np.empty(4 * block),
                 colors=np.empty((len(scene.source_i) + 8 * block, scene.n_channels)),
                 counters=np.zeros(8, np.int64),

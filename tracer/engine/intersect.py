@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from raymap.kernels import inner_kernel, lean_kernel, number, unsigned
-from tracer.engine.buffers import BUNDLE, HIT, KEY, ORDER, Buffers, T
+from tracer.engine.buffers import BUNDLE, HIT, KEY, Buffers, T
 from tracer.engine.buffers import OWN as LIVE_OWN
 from tracer.engine.refraction import follow_settled
 from tracer.geometry.kinds import F64, I64, Integer
@@ -26,7 +26,7 @@ _SLOT = 3
 
 
 @inner_kernel
-def sort_by_departure(live_i: I64, n: int, bins: I64) -> None:
+def sort_by_departure(live_i: I64, order: I64, n: int, bins: I64) -> None:
     """Order the slots of ``n`` rays by departure; ``bins[k]`` becomes the end of departure k."""
     for k in range(len(bins)):
         bins[k] = 0
@@ -37,7 +37,7 @@ def sort_by_departure(live_i: I64, n: int, bins: I64) -> None:
     for i in range(n):
         key = unsigned(live_i[KEY, i])
         place = bins[key]
-        live_i[ORDER, unsigned(place)] = i
+        order[unsigned(place)] = i
         bins[key] = place + 1
 
 
@@ -51,13 +51,13 @@ def nearest_hits(scene: Faces, b: Buffers, n: int, refract: bool) -> None:
     face_i, face_f, pool = scene.face_i, scene.face_f, scene.pool
     first, face, distance = scene.first, scene.face, scene.distance
     settle, settles, n_faces = scene.settle, scene.settles, len(scene.face_i)
-    sort_by_departure(live_i, n, bins)
+    sort_by_departure(live_i, b.order, n, bins)
     start = number(0)
     for key in range(len(bins) - 1):
         stop = bins[key]
         while start < stop:
             m = min(BUNDLE, stop - start)
-            _gather(live_f, live_i, start, m, bundle_f, bundle_i)
+            _gather(live_f, live_i, b.order, start, m, bundle_f, bundle_i)
             start += m
             # Go down the list of candidates
             row = np.int64(0)
@@ -92,9 +92,11 @@ def nearest_hits(scene: Faces, b: Buffers, n: int, refract: bool) -> None:
 
 
 @inner_kernel
-def _gather(live_f: F64, live_i: I64, start: int, m: int, bundle_f: F64, bundle_i: I64) -> None:
+def _gather(
+    live_f: F64, live_i: I64, order: I64, start: int, m: int, bundle_f: F64, bundle_i: I64
+) -> None:
     for j in range(m):
-        i = unsigned(live_i[ORDER, unsigned(start + j)])
+        i = unsigned(order[unsigned(start + j)])
         bundle_i[_SLOT, j] = i
         bundle_i[OWN, j] = live_i[LIVE_OWN, i]
         bundle_i[1, j] = -1

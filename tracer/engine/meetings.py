@@ -15,6 +15,7 @@ from tracer.engine.buffers import (
     D_COSINE,
     D_DETECTOR,
     D_PREVIOUS,
+    D_RECORD,
     D_REGISTERED,
     D_UV,
     DESCRIPTORS,
@@ -232,6 +233,7 @@ def _describe(
     meetings[k, D_COSINE] = np.int64(math.floor(cosine * 32767.0 + 0.5))
     meetings[k, D_REGISTERED] = registered
     meetings[k, D_PREVIOUS] = words[record, CHAIN]
+    meetings[k, D_RECORD] = record
     meeting_t[k] = t
     counters[DESCRIPTORS] = k + 1
     words[record, CHAIN] = k

@@ -12,6 +12,7 @@ from raymap.kernels import inline_kernel, unsigned
 from tracer.engine.buffers import (
     CHAIN,
     COUNT,
+    COUNTED,
     EVENT,
     NORMAL_XY,
     NORMAL_Z,
@@ -47,7 +48,7 @@ def write_record(
     p, q, s = whole(nx), whole(ny), whole(nz)
     write_words(
         words, real, owners, r, x, y, z, (p & 0xFFFF) | (q << 16), (s & 0xFFFF) | (obj << 16),
-        triangle, event, medium, code, ray,
+        triangle, event, medium, code, ray | COUNTED if event & ENDING != 0 else ray,
     )  # fmt: skip
 
 
@@ -60,7 +61,7 @@ def whole(component: float) -> int:
 @inline_kernel
 def write_words(
     words: I32, real: NDArray[np.float32], owners: I32, r: int, x: float, y: float, z: float,
-    normal_xy: int, normal_z: int, triangle: int, event: int, medium: int, code: int, ray: int,
+    normal_xy: int, normal_z: int, triangle: int, event: int, medium: int, code: int, owner: int,
 ) -> None:  # fmt: skip
     """Write record ``r`` of a normal (and object) that is packed already."""
     row = unsigned(r)
@@ -71,6 +72,6 @@ def write_words(
     words[row, EVENT] = event
     words[row, R_MEDIUM] = medium
     words[row, R_CODE] = code
-    owners[row] = ray
+    owners[row] = owner
     words[row, COUNT] = 0
     words[row, CHAIN] = -1

@@ -19,6 +19,7 @@ from raymap.kernels import inline_kernel, inner_kernel, lean_kernel
 from tracer.engine.buffers import (
     CODE,
     COLORS,
+    COUNTED,
     DESCRIPTORS,
     KEY,
     LAST,
@@ -276,7 +277,7 @@ def find_ray_order(
     for ray in range(n_rays):
         b.ray_i[N_RECORDS, ray] = twins.rays[INHERITED, ray]
     for r in range(b.counters[RECORDS]):
-        ray = b.owners[r]
+        ray = b.owners[r] & (COUNTED - 1)
         order[start[ray] + b.ray_i[N_RECORDS, ray]] = r
         b.ray_i[N_RECORDS, ray] += 1
     # An older ray is complete when a younger one inherits from it
@@ -295,7 +296,7 @@ def widen(workspace: Workspace, twins: Twins) -> Twins:
     while b.counters[COLORS] + 8 * n > len(b.colors):
         b = b._replace(colors=grown(b.colors))
     while 2 * n > b.live_f.shape[1]:
-        b = b._replace(live_f=_wider(b.live_f), live_i=_wider(b.live_i))
+        b = b._replace(live_f=_wider(b.live_f), live_i=_wider(b.live_i), order=grown(b.order))
     while rays + n > twins.rays.shape[1]:
         twins = twins._replace(rays=_wider(twins.rays))
     if twins.rays.shape[1] > b.ray_i.shape[1]:
@@ -306,6 +307,6 @@ def widen(workspace: Workspace, twins: Twins) -> Twins:
 
 
 def _wider(array: Array) -> Array:
-    larger = np.empty((array.shape[0], 2 * array.shape[1]), array.dtype)
+    larger = np.empty((2 * array.shape[1], array.shape[0]), array.dtype).T
     larger[:, : array.shape[1]] = array
     return larger  # type: ignore[return-value]

@@ -12,12 +12,15 @@ from tracer.engine.buffers import (
     CHAIN,
     COLORS,
     COUNT,
+    COUNTED,
     D_CELL,
     D_COSINE,
     D_DETECTOR,
     D_PREVIOUS,
+    D_RECORD,
     D_REGISTERED,
     D_UV,
+    DESCRIPTORS,
     EVENT,
     N_RECORDS,
     NORMAL_XY,
@@ -31,7 +34,6 @@ from tracer.engine.buffers import (
     Y,
     Z,
 )
-from tracer.engine.records import ENDING
 from tracer.geometry.kinds import F64, I64
 from tracer.geometry.prefetch import prefetch
 from tracer.scene.arrays import I32
@@ -97,7 +99,7 @@ def store_block(
         ray_i[N_RECORDS, ray] = total
         total += count
     for r in range(b.counters[RECORDS]):
-        owner = unsigned(owners[r])
+        owner = unsigned(owners[r] & (COUNTED - 1))
         place = ray_i[N_RECORDS, owner]
         order[unsigned(place)] = r
         ray_i[N_RECORDS, owner] = place + 1
@@ -112,13 +114,16 @@ def _keep_counted(n: int, b: Buffers) -> None:
     for ray in range(n):
         ray_i[N_RECORDS, ray] = 0
     kept = number(0)
+    for d in range(b.counters[DESCRIPTORS]):
+        owners[unsigned(b.meetings[d, D_RECORD])] |= COUNTED
     for r in range(b.counters[RECORDS]):
-        if words[r, EVENT] & ENDING != 0 or words[r, COUNT] > 0:
+        owner = owners[r]
+        if owner & COUNTED != 0:
             to = unsigned(kept)
             for k in range(words.shape[1]):
                 words[to, k] = words[r, k]
-            owners[to] = owners[r]
-            ray_i[N_RECORDS, unsigned(owners[r])] += 1
+            owners[to] = owner
+            ray_i[N_RECORDS, unsigned(owner & (COUNTED - 1))] += 1
             kept += 1
     b.counters[RECORDS] = kept
 
