@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tracer.geometry.bodies import Body, FacePlan
+from tracer.geometry.body import Body, FacePlan
 from tracer.geometry.shapes import Polygon
 from tracer.scene.fields import Positive
 

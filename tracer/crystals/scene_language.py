@@ -32,7 +32,8 @@ from tracer.crystals.recorder import (
 )
 from tracer.crystals.rhomb_body import RhombBody
 from tracer.crystals.rows import ISOTROPIC, KIND
-from tracer.geometry.bodies import Body, BoxBody, MeshBody, PrismBody
+from tracer.geometry.bodies import BoxBody, MeshBody, PrismBody
+from tracer.geometry.body import Body
 from tracer.scene.model import RGB_NM, MediumModel, Scene
 
 if TYPE_CHECKING:

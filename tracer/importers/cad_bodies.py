@@ -14,7 +14,8 @@ import numpy as np
 from pydantic import Field
 
 from raymap.errors import SceneError
-from tracer.geometry.bodies import Body, FacePlan, MeshBody
+from tracer.geometry.bodies import MeshBody
+from tracer.geometry.body import Body, FacePlan
 from tracer.importers.step_read import CadSolid, clean_name, read_step
 from tracer.importers.step_shapes import Placement, shapes_of_face
 from tracer.scene.fields import Node, Placed, Positive

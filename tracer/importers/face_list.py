@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.errors import SceneError
-from tracer.geometry.bodies import Body, LensBody
+from tracer.geometry.body import Body
+from tracer.geometry.lens_body import LensBody
 from tracer.geometry.shapes import (
     Annulus,
     Conic,

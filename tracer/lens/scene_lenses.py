@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tracer.geometry.bodies import LensBody
+from tracer.geometry.lens_body import LensBody
 from tracer.lens.errors import LensError
 from tracer.lens.glass import Glass
 from tracer.lens.lens import Lens

@@ -7,7 +7,8 @@ import itertools
 import numpy as np
 
 from raymap.errors import SceneError
-from tracer.geometry.bodies import Body, LensBody
+from tracer.geometry.body import Body
+from tracer.geometry.lens_body import LensBody
 
 __all__ = ["check_lenses", "on_common_axis"]
 

@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 
 from raymap.directory import DisplayMesh, Face, SceneObject
 from raymap.errors import SceneError
-from tracer.geometry.bodies import Body, FacePlan, LensBody, MeshBody
+from tracer.geometry.bodies import MeshBody
+from tracer.geometry.body import Body, FacePlan
 from tracer.geometry.kinds import ROW
+from tracer.geometry.lens_body import LensBody
 from tracer.geometry.mesh import TriangleMesh
 from tracer.geometry.shapes import Polygon, Rectangle, Shape
 from tracer.scene.candidates import main_axis

@@ -12,7 +12,8 @@ from pydantic import BaseModel, ValidationError
 
 from raymap.errors import SceneError
 from tracer.crystals.rhomb_body import RhombBody
-from tracer.geometry.bodies import BODIES, Body
+from tracer.geometry.bodies import BODIES
+from tracer.geometry.body import Body
 from tracer.scene.model import (
     DetectorModel,
     MediumModel,

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from raymap.errors import SceneError
-from tracer.geometry.bodies import Body, LensBody
+from tracer.geometry.body import Body
+from tracer.geometry.lens_body import LensBody
 from tracer.scene.checks import check_lenses
 from tracer.scene.load import _nearest
 from tracer.scene.model import Scene

@@ -15,7 +15,9 @@ import numpy as np
 
 from raymap.directory import Directory
 from raymap.errors import SceneError
-from tracer.geometry.bodies import Body, LensBody, RingBody
+from tracer.geometry.bodies import RingBody
+from tracer.geometry.body import Body
+from tracer.geometry.lens_body import LensBody
 from tracer.scene.media import refractive_index
 from tracer.scene.model import MediumModel, Scene
 

@@ -17,7 +17,8 @@ from typer.testing import CliRunner
 
 from raymap.cli import application
 from raymap.errors import RayMapError, SceneError
-from tracer.geometry.bodies import LensBody, RingBody
+from tracer.geometry.bodies import RingBody
+from tracer.geometry.lens_body import LensBody
 from tracer.importers.codev import parse_codev
 from tracer.importers.lens_scene import import_lens
 from tracer.importers.prescription import ImportWarning
