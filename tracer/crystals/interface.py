@@ -19,25 +19,19 @@ from typing import Any
 import numpy as np
 
 from raymap.kernels import inner_kernel, kernel
-from tracer.crystals.modes import MODE, forward_modes, mirror_modes
+from tracer.crystals.interface_modes import interface_frame, medium_modes
+from tracer.crystals.modes import MODE
 from tracer.crystals.rows import (
-    AXIS,
-    BIAXIAL,
-    EPS,
-    EPS_EXTRAORDINARY,
     EPS_ORDINARY,
     ISOTROPIC,
     KIND,
-    UNIAXIAL,
 )
 
 __all__ = [
     "WAVE",
     "interface_batch",
     "interface_event",
-    "interface_frame",
     "interface_scratch",
-    "medium_modes",
 ]
 
 WAVE = 16
@@ -57,109 +51,6 @@ def interface_scratch() -> tuple[Array, Array, Array, Array]:
         np.zeros((4, MODE), np.complex128),
         np.zeros((8, 6), np.float64),
     )
-
-
-@inner_kernel
-def interface_frame(
-    nx: float, ny: float, nz: float, px: float, py: float, pz: float, frame: Array
-) -> float:
-    """Axes x, y, z (rows 0 to 2) of the interface; returns xi = |tangential N|.
-
-    n = (nx, ny, nz) is the unit normal, p = N of the incident wave.
-    """
-    # Project twice, so that x lies across the normal to rounding even near normal incidence
-    along = px * nx + py * ny + pz * nz
-    tx = px - along * nx
-    ty = py - along * ny
-    tz = pz - along * nz
-    along = tx * nx + ty * ny + tz * nz
-    tx -= along * nx
-    ty -= along * ny
-    tz -= along * nz
-    xi = math.sqrt(tx * tx + ty * ty + tz * tz)
-    if xi < 1e-14:
-        xi = 0.0
-        if abs(nx) < 0.6:
-            tx, ty, tz = 1.0 - nx * nx, -nx * ny, -nx * nz
-        else:
-            tx, ty, tz = -ny * nx, 1.0 - ny * ny, -ny * nz
-    size = math.sqrt(tx * tx + ty * ty + tz * tz)
-    tx /= size
-    ty /= size
-    tz /= size
-    frame[0, 0], frame[0, 1], frame[0, 2] = tx, ty, tz
-    frame[1, 0] = ny * tz - nz * ty
-    frame[1, 1] = nz * tx - nx * tz
-    frame[1, 2] = nx * ty - ny * tx
-    frame[2, 0], frame[2, 1], frame[2, 2] = nx, ny, nz
-    return xi
-
-
-@inner_kernel
-def medium_modes(
-    medium: Array,
-    frame: Array,
-    xi: float,
-    sign: float,
-    hint: float,
-    modes: Array,
-    k: int,
-    work: Array,
-    cwork: Array,
-) -> None:
-    """Two forward (sign = 1) or backward (-1) waves of a medium row in the interface frame.
-
-    ``hint``: q of a grazing wave that travels the other way, or nan.
-    """
-    kind = int(medium[KIND])
-    tensor = frame[3]
-    cx = cy = cz = 0.0
-    if kind == UNIAXIAL:
-        # Turn the axis into the frame; the tensor follows from it
-        ax, ay, az = medium[AXIS], medium[AXIS + 1], medium[AXIS + 2]
-        cx = frame[0, 0] * ax + frame[0, 1] * ay + frame[0, 2] * az
-        cy = frame[1, 0] * ax + frame[1, 1] * ay + frame[1, 2] * az
-        cz = sign * (frame[2, 0] * ax + frame[2, 1] * ay + frame[2, 2] * az)
-        eo = medium[EPS_ORDINARY]
-        de = medium[EPS_EXTRAORDINARY] - eo
-        tensor[0] = eo + de * cx * cx
-        tensor[1] = eo + de * cy * cy
-        tensor[2] = eo + de * cz * cz
-        tensor[3] = de * cx * cy
-        tensor[4] = de * cx * cz
-        tensor[5] = de * cy * cz
-    elif kind == BIAXIAL:
-        # Turn the tensor into the frame
-        for i in range(3):
-            x, y, z = frame[i, 0], frame[i, 1], frame[i, 2]
-            frame[5, i] = medium[EPS] * x + medium[EPS + 3] * y + medium[EPS + 4] * z
-            frame[6, i] = medium[EPS + 3] * x + medium[EPS + 1] * y + medium[EPS + 5] * z
-            frame[7, i] = medium[EPS + 4] * x + medium[EPS + 5] * y + medium[EPS + 2] * z
-        for entry in range(6):
-            i = 0 if entry in (3, 4) else (1 if entry == 5 else entry)
-            j = 1 if entry == 3 else (2 if entry > 3 else entry)
-            tensor[entry] = (
-                frame[i, 0] * frame[5, j] + frame[i, 1] * frame[6, j] + frame[i, 2] * frame[7, j]
-            )
-        tensor[4] *= sign
-        tensor[5] *= sign
-    forward_modes(
-        kind,
-        tensor,
-        medium[EPS_ORDINARY],
-        medium[EPS_EXTRAORDINARY],
-        cx,
-        cy,
-        cz,
-        xi,
-        sign * hint,
-        modes,
-        k,
-        work,
-        cwork,
-    )
-    if sign < 0.0:
-        mirror_modes(modes, k)
 
 
 @inner_kernel

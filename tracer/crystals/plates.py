@@ -18,7 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from raymap.errors import SceneError
 from raymap.kernels import kernel
-from tracer.crystals.interface import interface_frame, interface_scratch, medium_modes
+from tracer.crystals.interface import interface_scratch
+from tracer.crystals.interface_modes import interface_frame, medium_modes
 from tracer.crystals.media import Crystal
 from tracer.crystals.modes import MODE
 

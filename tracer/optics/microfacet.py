@@ -26,127 +26,30 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.errors import SceneError
-from raymap.kernels import inner_kernel, lean_kernel
-from tracer.optics.fresnel import fresnel_conductor, fresnel_reflectance
+from raymap.kernels import lean_kernel
+from tracer.optics.fresnel import fresnel_reflectance
+from tracer.optics.ggx import ggx_distribution, ggx_masking, sample_ggx_normal
+from tracer.optics.microfacet_losses import (
+    LOBE,
+    NODES,
+    between,
+    compensation,
+    index_node,
+    loss,
+    sample_lobe,
+    side_loss,
+)
 
 __all__ = [
-    "average_conductor_reflectance",
-    "conductor_table",
-    "dielectric_table",
     "eval_rough_conductor",
     "eval_rough_dielectric",
-    "ggx_distribution",
-    "ggx_masking",
-    "multiple_reflectance",
     "pdf_rough_conductor",
     "pdf_rough_dielectric",
-    "sample_ggx_normal",
     "sample_rough_conductor",
     "sample_rough_dielectric",
 ]
 
 F64 = NDArray[np.float64]
-Vector = tuple[float, float, float]
-
-_NODES = 49  # nodes in the cosine of a loss table
-_INDICES = 65  # nodes in the logarithm of n_i / n_o
-_LOG_RANGE = 1.0  # the index ratio reaches from 1/e to e
-_LOBE = 2 * _NODES + 2  # losses, cumulative distribution, mean loss, mean reflectance
-SMALLEST_ROUGHNESS = 1e-3
-"""Smoother surfaces are traced as smooth."""
-
-
-@lean_kernel
-def ggx_distribution(alpha: float, cos_m: float) -> float:
-    """Density of facets D(m) over the cosine of their tilt; ∫ D cos_m dω = 1."""
-    if cos_m <= 0.0:
-        return 0.0
-    a2 = alpha * alpha
-    c2 = cos_m * cos_m
-    x = 1.0 - c2 + a2 * c2
-    return a2 / (math.pi * x * x)
-
-
-@lean_kernel
-def ggx_masking(alpha: float, cosine: float) -> float:
-    """Smith's G1: share of facets that a direction at this cosine sees unhidden."""
-    c2 = cosine * cosine
-    if c2 >= 1.0:
-        return 1.0
-    return 2.0 / (1.0 + math.sqrt(1.0 + alpha * alpha * (1.0 - c2) / c2))
-
-
-@lean_kernel
-def sample_ggx_normal(
-    wi_x: float, wi_y: float, wi_z: float, alpha: float, u1: float, u2: float
-) -> Vector:
-    """A facet normal as ``wi`` sees them: density D(m) G1(wi) (wi . m) / wi_z per solid angle."""
-    # Stretch to the hemisphere, draw a spherical cap, squeeze back
-    x, y, z = alpha * wi_x, alpha * wi_y, wi_z
-    scale = 1.0 / math.sqrt(x * x + y * y + z * z)
-    x, y, z = x * scale, y * scale, z * scale
-    height = (1.0 - u2) * (1.0 + z) - z
-    sine = math.sqrt(min(1.0, max(0.0, 1.0 - height * height)))
-    phi = 2.0 * math.pi * u1
-    mx = alpha * (sine * math.cos(phi) + x)
-    my = alpha * (sine * math.sin(phi) + y)
-    mz = max(1e-12, height + z)
-    scale = 1.0 / math.sqrt(mx * mx + my * my + mz * mz)
-    return mx * scale, my * scale, mz * scale
-
-
-@inner_kernel
-def _sample_lobe(table: F64, first: int, u1: float, u2: float, sign: float) -> Vector:
-    """A direction with density proportional to the losses of a table times the cosine."""
-    # Find the interval of the cosine, then invert the cubic inside it
-    cumulative = first + _NODES
-    low, high = 0, _NODES - 1
-    while high - low > 1:
-        middle = (low + high) // 2
-        if table[cumulative + middle] <= u1:
-            low = middle
-        else:
-            high = middle
-    step = 1.0 / (_NODES - 1)
-    left = low * step
-    a, b = table[first + low], (table[first + low + 1] - table[first + low]) / step
-    part = table[cumulative + low + 1] - table[cumulative + low]
-    share = (u1 - table[cumulative + low]) / part if part > 0.0 else 0.5
-    whole = _lobe_integral(a, b, left, step)
-    t = share * step
-    lower, upper = 0.0, step
-    for _ in range(20):
-        miss = _lobe_integral(a, b, left, t) - share * whole
-        if miss > 0.0:
-            upper = t
-        else:
-            lower = t
-        slope = (a + b * t) * (left + t)
-        guess = t - miss / slope if slope > 0.0 else 0.5 * (lower + upper)
-        if not lower <= guess <= upper:
-            guess = 0.5 * (lower + upper)
-        if abs(guess - t) < 1e-14:
-            break
-        t = guess
-    cosine = min(1.0, max(1e-9, left + t))
-    sine = math.sqrt(max(0.0, 1.0 - cosine * cosine))
-    phi = 2.0 * math.pi * u2
-    return sine * math.cos(phi), sine * math.sin(phi), sign * cosine
-
-
-@inner_kernel
-def _lobe_integral(a: float, b: float, left: float, t: float) -> float:
-    """Integral of (a + b s) (left + s) for s from 0 to t."""
-    return a * left * t + 0.5 * (a + b * left) * t * t + b * t * t * t / 3.0
-
-
-@inner_kernel
-def _loss(table: F64, first: int, cosine: float) -> float:
-    """Loss at a cosine, linear between nodes."""
-    x = min(1.0, max(0.0, cosine)) * (_NODES - 1)
-    low = min(_NODES - 2, int(x))
-    return float(table[first + low] + (x - low) * (table[first + low + 1] - table[first + low]))
 
 
 @lean_kernel
@@ -175,7 +78,7 @@ def sample_rough_conductor(
     x, y, z = 2.0 * cos_m * mx - wi_x, 2.0 * cos_m * my - wi_y, 2.0 * cos_m * mz - wi_z
     if z > 0.0 and u3 < ggx_masking(alpha, z):
         return x, y, z, min(1.0, max(0.0, cos_m))
-    x, y, z = _sample_lobe(table, first, u4, u5, 1.0)
+    x, y, z = sample_lobe(table, first, u4, u5, 1.0)
     return x, y, z, -1.0
 
 
@@ -199,10 +102,10 @@ def eval_rough_conductor(
     cos_m = (wi_x * hx + wi_y * hy + wi_z * hz) * scale
     masking = ggx_masking(alpha, wi_z) * ggx_masking(alpha, wo_z)
     single = ggx_distribution(alpha, hz * scale) * masking / (4.0 * wi_z * wo_z)
-    mean = table[first + 2 * _NODES]
+    mean = table[first + 2 * NODES]
     multiple = 0.0
     if mean > 0.0:
-        multiple = _loss(table, first, wi_z) * _loss(table, first, wo_z) / (math.pi * mean)
+        multiple = loss(table, first, wi_z) * loss(table, first, wo_z) / (math.pi * mean)
     return single, multiple, cos_m
 
 
@@ -257,60 +160,23 @@ def sample_rough_dielectric(
         return x, y, z, cos_m
     # Leave by the compensating lobe, on one of the sides
     u3 = (u3 - masking) / (1.0 - masking)
-    x_index, weight = _index_node(n_i / n_o)
-    back, _ = _compensation(table, first, n_i, n_o)
+    x_index, weight = index_node(n_i / n_o)
+    back, _ = compensation(table, first, n_i, n_o)
     sign = 1.0
     if u3 < back:
         u3 /= back
     else:
         u3 = (u3 - back) / (1.0 - back)
         sign = -1.0
-        x_index, weight = _index_node(n_o / n_i)
+        x_index, weight = index_node(n_o / n_i)
     # The lobe is a mixture of those of two nodes of the index ratio
-    low = first + x_index * _LOBE
-    mean_low = (1.0 - weight) * table[low + 2 * _NODES]
-    mean_high = weight * table[low + _LOBE + 2 * _NODES]
+    low = first + x_index * LOBE
+    mean_low = (1.0 - weight) * table[low + 2 * NODES]
+    mean_high = weight * table[low + LOBE + 2 * NODES]
     if u3 * (mean_low + mean_high) >= mean_low:
-        low += _LOBE
-    x, y, z = _sample_lobe(table, low, u4, u5, sign)
+        low += LOBE
+    x, y, z = sample_lobe(table, low, u4, u5, sign)
     return x, y, z, -1.0
-
-
-@inner_kernel
-def _index_node(ratio: float) -> tuple[int, float]:
-    """Node below an index ratio in the table, and the share of the node above."""
-    x = (math.log(ratio) + _LOG_RANGE) * (0.5 * (_INDICES - 1) / _LOG_RANGE)
-    x = min(_INDICES - 1.0, max(0.0, x))
-    low = min(_INDICES - 2, int(x))
-    return low, x - low
-
-
-@inner_kernel
-def _between(table: F64, first: int, ratio: float, entry: int) -> float:
-    low, weight = _index_node(ratio)
-    k = first + low * _LOBE + entry
-    return float((1.0 - weight) * table[k] + weight * table[k + _LOBE])
-
-
-@inner_kernel
-def _side_loss(table: F64, first: int, ratio: float, cosine: float) -> float:
-    low, weight = _index_node(ratio)
-    k = first + low * _LOBE
-    return (1.0 - weight) * _loss(table, k, cosine) + weight * _loss(table, k + _LOBE, cosine)
-
-
-@inner_kernel
-def _compensation(table: F64, first: int, n_i: float, n_o: float) -> tuple[float, float]:
-    """Shares of the compensating light that are reflected and transmitted; reciprocal."""
-    mean_i = n_i * n_i * _between(table, first, n_i / n_o, 2 * _NODES)
-    mean_o = n_o * n_o * _between(table, first, n_o / n_i, 2 * _NODES)
-    if mean_i <= 0.0 or mean_o <= 0.0:
-        return 0.5, 0.5
-    # What is transmitted per mean loss must be the same both ways
-    through_i = 1.0 - _between(table, first, n_i / n_o, 2 * _NODES + 1)
-    through_o = 1.0 - _between(table, first, n_o / n_i, 2 * _NODES + 1)
-    transmitted = min(1.0, mean_o * min(through_i / mean_o, through_o / mean_i))
-    return 1.0 - transmitted, transmitted
 
 
 @lean_kernel
@@ -322,18 +188,18 @@ def eval_rough_dielectric(
     if wi_z <= 0.0 or wo_z == 0.0:
         return 0.0
     masking = ggx_masking(alpha, wi_z) * ggx_masking(alpha, wo_z)
-    loss_i = _side_loss(table, first, n_i / n_o, wi_z)
-    back, through = _compensation(table, first, n_i, n_o)
+    loss_i = side_loss(table, first, n_i / n_o, wi_z)
+    back, through = compensation(table, first, n_i, n_o)
     if wo_z > 0.0:
         hx, hy, hz = wi_x + wo_x, wi_y + wo_y, wi_z + wo_z
         scale = 1.0 / math.sqrt(hx * hx + hy * hy + hz * hz)
         cos_m = min(1.0, (wi_x * hx + wi_y * hy + wi_z * hz) * scale)
         single = fresnel_reflectance(n_i, n_o, cos_m) * masking
         single *= ggx_distribution(alpha, hz * scale) / (4.0 * wi_z * wo_z)
-        mean = _between(table, first, n_i / n_o, 2 * _NODES)
+        mean = between(table, first, n_i / n_o, 2 * NODES)
         if mean <= 0.0:
             return single
-        loss_o = _side_loss(table, first, n_i / n_o, wo_z)
+        loss_o = side_loss(table, first, n_i / n_o, wo_z)
         return single + back * loss_i * loss_o / (math.pi * mean)
     # Half vector of refraction, on the incident side
     hx, hy, hz = n_i * wi_x + n_o * wo_x, n_i * wi_y + n_o * wo_y, n_i * wi_z + n_o * wo_z
@@ -349,10 +215,10 @@ def eval_rough_dielectric(
             single = 1.0 - fresnel_reflectance(n_i, n_o, min(1.0, dot_i))
             single *= n_o * n_o * dot_i * -dot_o * masking * ggx_distribution(alpha, hz)
             single /= wi_z * -wo_z * jacobian * jacobian
-    mean = _between(table, first, n_o / n_i, 2 * _NODES)
+    mean = between(table, first, n_o / n_i, 2 * NODES)
     if mean <= 0.0:
         return single
-    loss_o = _side_loss(table, first, n_o / n_i, -wo_z)
+    loss_o = side_loss(table, first, n_o / n_i, -wo_z)
     return single + through * loss_i * loss_o / (math.pi * mean)
 
 
@@ -364,94 +230,3 @@ def pdf_rough_dielectric(
     """Density of `sample_rough_dielectric` per solid angle: eval · |wo_z|, as nothing is lost."""
     value = eval_rough_dielectric(table, first, wi_x, wi_y, wi_z, wo_x, wo_y, wo_z, alpha, n_i, n_o)
     return value * abs(wo_z)
-
-
-@inner_kernel
-def _loss_by_quadrature(alpha: float, cosine: float, ratio: float, steps: int) -> float:
-    """Share of light whose first facet sends it into another; ratio 0 stands for a metal."""
-    sine = math.sqrt(1.0 - cosine * cosine)
-    kept = 0.0
-    for i in range(steps):
-        for j in range(steps):
-            u1, u2 = (i + 0.5) / steps, (j + 0.5) / steps
-            mx, _, mz = sample_ggx_normal(sine, 0.0, cosine, alpha, u1, u2)
-            cos_m = min(1.0, sine * mx + cosine * mz)
-            z = 2.0 * cos_m * mz - cosine
-            reflectance = 1.0 if ratio == 0.0 else fresnel_reflectance(ratio, 1.0, cos_m)
-            if z > 0.0:
-                kept += reflectance * ggx_masking(alpha, z)
-            if reflectance < 1.0:
-                cos_t = math.sqrt(max(0.0, 1.0 - ratio * ratio * (1.0 - cos_m * cos_m)))
-                z = (ratio * cos_m - cos_t) * mz - ratio * cosine
-                if z < 0.0:
-                    kept += (1.0 - reflectance) * ggx_masking(alpha, z)
-    return max(0.0, 1.0 - kept / (steps * steps))
-
-
-@lean_kernel
-def _fill_lobe(table: F64, first: int, alpha: float, ratio: float, steps: int) -> None:
-    """Losses over the cosine, their cumulative distribution and their mean."""
-    step = 1.0 / (_NODES - 1)
-    for k in range(_NODES):
-        cosine = min(1.0, max(1e-4, k * step))
-        table[first + k] = _loss_by_quadrature(alpha, cosine, ratio, steps)
-    total = 0.0
-    table[first + _NODES] = 0.0
-    for k in range(_NODES - 1):
-        slope = (table[first + k + 1] - table[first + k]) / step
-        total += _lobe_integral(table[first + k], slope, k * step, step)
-        table[first + _NODES + k + 1] = total
-    table[first + 2 * _NODES] = 2.0 * total
-    for k in range(_NODES):
-        table[first + _NODES + k] = table[first + _NODES + k] / total if total > 0.0 else k * step
-    table[first + 2 * _NODES - 1] = 1.0
-    # Mean of the smooth interface's reflectance over a Lambertian source
-    mean = 0.0
-    for k in range(200):
-        cosine = (k + 0.5) / 200
-        mean += 2.0 * cosine * (fresnel_reflectance(ratio, 1.0, cosine) if ratio > 0.0 else 1.0)
-    table[first + 2 * _NODES + 1] = mean / 200
-
-
-def conductor_table(alpha: float) -> F64:
-    """Table of a rough metal for the flat pool of tables."""
-    _check_roughness(alpha)
-    table = np.zeros(_LOBE)
-    _fill_lobe(table, 0, alpha, 0.0, 64)
-    return table
-
-
-def dielectric_table(alpha: float) -> F64:
-    """Table of a rough interface, for all index ratios from 1/e to e, for the flat pool."""
-    _check_roughness(alpha)
-    table = np.zeros(_INDICES * _LOBE)
-    for node, ratio in enumerate(np.exp(np.linspace(-_LOG_RANGE, _LOG_RANGE, _INDICES))):
-        _fill_lobe(table, node * _LOBE, alpha, float(ratio), 56)
-    return table
-
-
-def average_conductor_reflectance(n1: float, n2: float, kappa2: float) -> float:
-    """Reflectance of a smooth metal averaged over a Lambertian source."""
-    nodes, weights = np.polynomial.legendre.leggauss(64)
-    cosine = 0.5 * (1.0 + nodes)
-    values = [fresnel_conductor(n1, n2, kappa2, float(c)) for c in cosine]
-    return float(np.sum(np.array(values) * 2.0 * cosine * 0.5 * weights))
-
-
-def multiple_reflectance(average: float, table: F64) -> float:
-    """Survival of light that meets several facets, from the metal's average reflectance.
-
-    References
-    ----------
-    C. Kulla, A. Conty (2017): F̄² Ē / (1 - F̄ (1 - Ē)), Ē = 1 - mean loss.
-    """
-    kept = 1.0 - float(table[2 * _NODES])
-    return average * average * kept / (1.0 - average * (1.0 - kept))
-
-
-def _check_roughness(alpha: float) -> None:
-    if not SMALLEST_ROUGHNESS <= alpha <= 1.0:
-        raise SceneError(
-            f"roughness must lie between {SMALLEST_ROUGHNESS:g} and 1, got {alpha:g}; "
-            "use a smooth surface below"
-        )

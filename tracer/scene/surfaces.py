@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.errors import SceneError
-from tracer.optics import abg, bsdf, coatings, microfacet
+from tracer.optics import abg, bsdf, coatings, microfacet_losses
 from tracer.scene.arrays import (
     ABSORBER,
     DIELECTRIC,
@@ -106,9 +106,9 @@ class SurfaceTable:
         if model.roughness is not None:
             row[0] = model.roughness
             if model.kind == "rough_dielectric":
-                integers[S_METAL] = self._add(microfacet.dielectric_table(model.roughness))
+                integers[S_METAL] = self._add(microfacet_losses.dielectric_table(model.roughness))
             else:
-                table = microfacet.conductor_table(model.roughness)
+                table = microfacet_losses.conductor_table(model.roughness)
                 integers[S_MODEL] = self._add(table)
                 row[SURFACE_ROW + n_channels :] = self._multiple(model, place, table)
         if model.kind == "filter":
@@ -141,11 +141,11 @@ class SurfaceTable:
             n, k = self._at(model.metal.n, place), self._at(model.metal.k, place)
             averages = np.array(
                 [
-                    microfacet.average_conductor_reflectance(1.0, float(a), float(b))
+                    microfacet_losses.average_conductor_reflectance(1.0, float(a), float(b))
                     for a, b in zip(n, k, strict=True)
                 ]
             )
-        return np.array([microfacet.multiple_reflectance(float(a), table) for a in averages])
+        return np.array([microfacet_losses.multiple_reflectance(float(a), table) for a in averages])
 
     def _coating(self, model: SurfaceModel, name: str, place: str) -> Array:
         given = model.coating

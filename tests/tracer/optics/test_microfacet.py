@@ -14,16 +14,18 @@ from raymap.errors import SceneError
 from raymap.kernels import kernel
 from tests.tracer.chi2 import chi2_sphere
 from tracer.optics import microfacet as mf
+from tracer.optics import microfacet_losses as losses
+from tracer.optics.ggx import ggx_distribution
 
 
 @cache
 def dielectric(alpha: float) -> NDArray[np.float64]:
-    return np.concatenate((np.zeros(7), mf.dielectric_table(alpha)))
+    return np.concatenate((np.zeros(7), losses.dielectric_table(alpha)))
 
 
 @cache
 def conductor(alpha: float) -> NDArray[np.float64]:
-    return np.concatenate((np.zeros(5), mf.conductor_table(alpha)))
+    return np.concatenate((np.zeros(5), losses.conductor_table(alpha)))
 
 
 def incident(angle_deg: float, azimuth_deg: float = 0.0) -> tuple[float, float, float]:
@@ -174,23 +176,23 @@ def test_little_roughness_is_nearly_specular() -> None:
 
 def test_distribution_is_normalised() -> None:
     for alpha in (0.1, 0.5, 1.0):
-        found = _integral(lambda _x, _y, z, a=alpha: mf.ggx_distribution(a, z) * z, True)
+        found = _integral(lambda _x, _y, z, a=alpha: ggx_distribution(a, z) * z, True)
         assert found == pytest.approx(1.0, abs=2e-3)
 
 
 def test_average_reflectances() -> None:
-    assert mf.average_conductor_reflectance(1.0, 1e-9, 1e9) == pytest.approx(1.0)
+    assert losses.average_conductor_reflectance(1.0, 1e-9, 1e9) == pytest.approx(1.0)
     # Hemispherical reflectance of glass 1.5: 0.0918 (closed form of Walsh, 1926)
-    assert mf.average_conductor_reflectance(1.0, 1.5, 0.0) == pytest.approx(0.09178, abs=2e-4)
-    table = mf.conductor_table(0.6)
-    assert mf.multiple_reflectance(1.0, table) == pytest.approx(1.0)
-    assert 0 < mf.multiple_reflectance(0.5, table) < 0.25
+    assert losses.average_conductor_reflectance(1.0, 1.5, 0.0) == pytest.approx(0.09178, abs=2e-4)
+    table = losses.conductor_table(0.6)
+    assert losses.multiple_reflectance(1.0, table) == pytest.approx(1.0)
+    assert 0 < losses.multiple_reflectance(0.5, table) < 0.25
 
 
 @pytest.mark.parametrize("alpha", [0.0, 1.2, math.nan])
 def test_roughness_out_of_range(alpha: float) -> None:
     with pytest.raises(SceneError, match="roughness must lie between"):
-        mf.dielectric_table(alpha)
+        losses.dielectric_table(alpha)
 
 
 def _mitsuba_rows() -> NDArray[np.float64]:
@@ -199,7 +201,7 @@ def _mitsuba_rows() -> NDArray[np.float64]:
 
 def test_single_facets_agree_with_mitsuba() -> None:
     """120 pairs of directions on both sides of glass and metal; Mitsuba computes in float32."""
-    no_loss = np.zeros(len(mf.dielectric_table(0.5)))
+    no_loss = np.zeros(len(losses.dielectric_table(0.5)))
     for alpha, *wi, wo_x, wo_y, wo_z, glass, metal in _mitsuba_rows():
         side = math.copysign(1.0, wi[2])
         n_i, n_o = (1.0, 1.5) if side > 0 else (1.5, 1.0)

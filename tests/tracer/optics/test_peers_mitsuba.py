@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from raymap.kernels import kernel
 from tests.tracer.chi2 import chi2_counts
 from tracer.optics import microfacet as mf
+from tracer.optics import microfacet_losses as losses
 from tracer.optics.fresnel import fresnel_conductor
 
 pytestmark = pytest.mark.peers
@@ -129,7 +130,7 @@ def test_lobes_of_rough_glass_are_mitsubas(alpha: float, angle: float, inside: b
     wi = incident(angle)
     n_i, n_o = (1.5, 1.0) if inside else (1.0, 1.5)
     out = _glass(
-        mf.dielectric_table(alpha),
+        losses.dielectric_table(alpha),
         wi,
         alpha,
         n_i,
@@ -151,7 +152,7 @@ def test_lobes_of_rough_glass_are_mitsubas(alpha: float, angle: float, inside: b
 def test_lobes_of_rough_metal_are_mitsubas(alpha: float, angle: float) -> None:
     wi = incident(angle)
     out = _metal(
-        mf.conductor_table(alpha), wi, alpha, _numbers(200 + CASES.index((alpha, angle, False)))
+        losses.conductor_table(alpha), wi, alpha, _numbers(200 + CASES.index((alpha, angle, False)))
     )
     single = out[out[:, 3] >= 0.0, :3]
     value = lobe(surface("roughconductor", alpha), wi)
@@ -160,7 +161,7 @@ def test_lobes_of_rough_metal_are_mitsubas(alpha: float, angle: float) -> None:
 
 def test_reflectance_at_the_facets_is_mitsubas() -> None:
     rng = np.random.default_rng(5)
-    table = np.zeros_like(mf.conductor_table(0.5))
+    table = np.zeros_like(losses.conductor_table(0.5))
     for alpha in (0.15, 0.5, 1.0):
         for _ in range(40):
             wi, wo = incident(rng.uniform(0, 85)), incident(rng.uniform(0, 85))
