@@ -15,7 +15,7 @@ from tracer.crystals.media import calcite
 from tracer.render.camera import Camera
 from tracer.render.renderer import RenderScene, error_in_steps, render, sample_pixels
 from tracer.render.room import Room
-from tracer.studies.crystal_checks import Check
+from tracer.studies.crystal_statements import Check
 
 __all__ = ["box_checks", "double_image_checks", "furnace_checks", "resized"]
 

@@ -15,7 +15,7 @@ from tracer.crystals.conical import conical_rays, ring_of_plate
 from tracer.crystals.local import s_and_p, solve_interface
 from tracer.crystals.media import Crystal, biaxial, isotropic, rotation_between
 from tracer.render.images import to_bytes, write_png
-from tracer.studies.crystal_checks import Check
+from tracer.studies.crystal_statements import Check
 from tracer.studies.quasi_random import quasi_random
 
 __all__ = ["ConicalScene", "ScreenRays", "conical_checks", "trace_pencil"]

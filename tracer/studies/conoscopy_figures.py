@@ -17,7 +17,7 @@ from tracer.crystals.media import Crystal, biaxial, calcite, rotation_between
 from tracer.crystals.plates import plate_retardation
 from tracer.crystals.waves import waves_along
 from tracer.render.images import to_bytes, write_png
-from tracer.studies.crystal_checks import Check
+from tracer.studies.crystal_statements import Check
 from tracer.studies.microscope import Microscope, conoscopy
 from tracer.studies.specimens import CrystalPlate
 

@@ -23,7 +23,8 @@ from tracer.render.renderer import RenderScene
 from tracer.studies.calcite_box import Progress, box_checks, double_image_checks, furnace_checks
 from tracer.studies.conical_refraction import ConicalScene, conical_checks
 from tracer.studies.conoscopy_figures import ConoscopyScene, biaxial_checks, calcite_checks
-from tracer.studies.crystal_checks import Check, local_checks
+from tracer.studies.crystal_checks import local_checks
+from tracer.studies.crystal_statements import Check
 
 __all__ = ["SCENES", "find_model", "scene_text", "verify_crystals"]
 
