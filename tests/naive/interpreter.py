@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 import operator
-import re
-from dataclasses import dataclass
 from typing import Any
 
 from query import criteria as c
 from raymap.directory import Directory
 from raymap.events import FAMILIES, Event
+from tests.naive.path_expression import read_alternatives, tokens_of
+from tests.naive.rays import Point, Ray
 
 COMPARE = {
     "==": operator.eq,
@@ -24,80 +24,6 @@ COMPARE = {
     ">": operator.gt,
     ">=": operator.ge,
 }
-
-
-@dataclass
-class Point:
-    object: int
-    face: int
-    triangle: int
-    event: int
-    medium: int
-    position: tuple[float, float, float]
-    normal: tuple[int, int, int]
-    meetings: list[tuple[int, bool, tuple[int, int]]]
-    stokes: list[float] | None
-    optical_path: float | None
-
-
-@dataclass
-class Ray:
-    id: int
-    source: int
-    weight: float
-    points: list[Point]
-    channels: list[int]  # channels that carry light at the end
-
-
-def rays_of(map: Any) -> list[Ray]:
-    """Every ray of a map."""
-    rays = []
-    for portion in map.portions:
-        whole = portion.read()
-        faces = portion.column("face")
-        ids = portion.ray_ids()
-        n_channels = map.channel_sets[portion.channel_set].n_channels
-        row = meeting = 0
-        for index in range(whole.n_rays):
-            points = []
-            for _ in range(int(whole.records_per_ray[index])):
-                count = int(whole.descriptor_count[row])
-                found = whole.descriptors
-                meetings = [
-                    (
-                        int(found.detector[i]),
-                        bool(found.registered[i]),
-                        (int(found.uv[i, 0]), int(found.uv[i, 1])),
-                    )
-                    for i in range(meeting, meeting + count)
-                ]
-                meeting += count
-                points.append(
-                    Point(
-                        int(whole.object[row]),
-                        int(faces[row]),
-                        int(whole.triangle[row]),
-                        int(whole.event[row]),
-                        int(whole.medium[row]),
-                        tuple(float(x) for x in whole.position[row]),
-                        tuple(int(x) for x in whole.normal[row]),
-                        meetings,
-                        whole.extra["stokes"][row].tolist() if "stokes" in whole.extra else None,
-                        float(whole.extra["optical_path"][row])
-                        if "optical_path" in whole.extra
-                        else None,
-                    )
-                )
-                code = int(whole.color_code[row])
-                row += 1
-            if code < n_channels:
-                channels = [code]
-            else:
-                shares = whole.color_table[code - n_channels]
-                channels = [k for k in range(n_channels) if shares[k] > 0]
-            weight = 1.0 if whole.weight is None else float(whole.weight[index])
-            rays.append(Ray(int(ids[index]), int(whole.source[index]), weight, points, channels))
-    return rays
 
 
 def _name_fits(pattern: str, name: str) -> bool:
@@ -286,7 +212,7 @@ class Interpreter:
     # Path expressions: sets of places reached, no automaton.
 
     def path(self, node: c.Path, ray: Ray) -> bool:
-        tree, rest = _read_alternatives(_tokens(node.text))
+        tree, rest = read_alternatives(tokens_of(node.text))
         assert not rest
         if node.exact:
             tokens: list[tuple[str, int]] = []
@@ -461,48 +387,3 @@ class Interpreter:
             return None
         cosine = abs(sum(a * b for a, b in zip(d, n, strict=True))) / size
         return math.degrees(math.acos(min(cosine, 1.0)))
-
-
-def _tokens(text: str) -> list[str]:
-    return re.findall(
-        r"\(|\)(?:[*+?]|\{\d+(?:,\d*)?\})?|\||\.(?=[\s()|*+?{]|$)(?:[*+?]|\{\d+(?:,\d*)?\})?"
-        r"|(?:\\.|[^\s()|\\])+",
-        text,
-    )
-
-
-def _quantified(tree: Any, mark: str) -> Any:
-    if not mark:
-        return tree
-    bounds = {"*": (0, None), "+": (1, None), "?": (0, 1)}
-    if mark in bounds:
-        return ("repeat", tree, *bounds[mark])
-    numbers = mark[1:-1].split(",")
-    least = int(numbers[0])
-    most = least if len(numbers) == 1 else (int(numbers[1]) if numbers[1] else None)
-    return ("repeat", tree, least, most)
-
-
-def _read_alternatives(tokens: list[str]) -> tuple[Any, list[str]]:
-    choices: list[Any] = []
-    parts: list[Any] = []
-    while tokens and not tokens[0].startswith(")"):
-        token, tokens = tokens[0], tokens[1:]
-        if token == "|":
-            choices.append(("sequence", parts))
-            parts = []
-        elif token == "(":
-            inner, tokens = _read_alternatives(tokens)
-            parts.append(_quantified(inner, tokens[0][1:]))
-            tokens = tokens[1:]
-        elif token[0] == ".":
-            parts.append(_quantified(("any",), token[1:]))
-        elif token[0] == "@":
-            parts.append(("detector", token[1:]))
-        else:
-            found = re.fullmatch(r"((?:\\.|[^:\\])*?)(?::([a-z_,]+))?", token, flags=re.DOTALL)
-            assert found is not None
-            words = found.group(2).split(",") if found.group(2) else []
-            parts.append(("place", found.group(1) or None, words))
-    choices.append(("sequence", parts))
-    return ("either", choices), tokens

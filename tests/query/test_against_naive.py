@@ -12,7 +12,8 @@ from hypothesis import given, settings
 import raymap
 from query import parse, select
 from query.json_form import from_json
-from tests.naive.interpreter import Interpreter, rays_of
+from tests.naive.interpreter import Interpreter
+from tests.naive.rays import rays_of
 from tests.query.random_criteria import CRITERIA
 from tests.query.random_maps import write_random_map
 

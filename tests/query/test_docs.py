@@ -16,7 +16,8 @@ from query.grammar import parse
 from query.json_form import from_json
 from raymap import Detector, Directory, Face, Medium, SceneObject, Source, Surface
 from raymap.events import FAMILIES
-from tests.naive.interpreter import Interpreter, rays_of
+from tests.naive.interpreter import Interpreter
+from tests.naive.rays import rays_of
 from tests.query.random_maps import write_random_map
 
 PAGE = (Path(__file__).parents[2] / "docs" / "criteria.md").read_text(encoding="utf-8")

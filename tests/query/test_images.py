@@ -1,0 +1,88 @@
+"""Detector pictures against sums over single rays, and their files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import query
+from raymap import RayMapError
+from tests.naive.rays import rays_of
+from tests.query.by_hand import flux_of, matching
+
+
+def test_pictures_are_sums_over_registrations(map: Any) -> None:
+    layers = {"all": None, "reflected": "event(reflected)", "part": 'hit("L*") & !event(left)'}
+    pictures = query.detector_images(map, "screen", layers)
+    for name, criterion in layers.items():
+        width, height = 8, 6
+        flux, rays = np.zeros((height, width)), np.zeros((height, width))
+        for ray in rays_of(map) if criterion is None else matching(map, criterion):
+            for point in ray.points:
+                for detector, registered, uv in point.meetings:
+                    if detector == 0 and registered:
+                        cell = [
+                            min(uv[k] * n // 65535, n - 1) for k, n in enumerate((width, height))
+                        ]
+                        flux[cell[1], cell[0]] += flux_of(map, [ray])
+                        rays[cell[1], cell[0]] += 1
+        picture = pictures[name]
+        np.testing.assert_allclose(picture.flux, flux, rtol=1e-4, atol=1e-9)
+        np.testing.assert_array_equal(picture.rays, rays)
+        np.testing.assert_allclose(picture.irradiance, flux / 4e-6, rtol=1e-4, atol=1e-3)
+        # 16 x 12 mm in 8 x 6 cells: 4 mm² each; luminous efficacies of the channels.
+        efficacy = np.array([25.0, 680.0, 73.0])
+        np.testing.assert_allclose(picture.illuminance, picture.channels @ efficacy / 4e-6)
+
+
+def test_blocks_of_cells_are_sums(map: Any) -> None:
+    fine = query.detector_image(map, "screen")
+    coarse = query.detector_image(map, "screen", bin=2)
+    assert coarse.detector.cells == (4, 3)
+    for name in ("channels", "rays"):
+        values = getattr(fine, name)
+        blocks = values.reshape(3, 2, 4, 2, *values.shape[2:]).sum(axis=(1, 3))
+        np.testing.assert_allclose(getattr(coarse, name), blocks, rtol=1e-6)
+    np.testing.assert_allclose(coarse.irradiance.mean(), fine.irradiance.mean(), rtol=1e-6)
+    # What one emission brings to several cells of a block goes together
+    blocks = fine.variance.reshape(3, 2, 4, 2).sum(axis=(1, 3))
+    assert (coarse.variance >= blocks * (1 - 1e-12)).all()
+    with pytest.raises(RayMapError, match="sides that fit: 2"):
+        query.detector_image(map, "screen", bin=3)
+
+
+def test_the_grain_of_a_picture(maps: dict[str, Any]) -> None:
+    picture = query.detector_image(maps["merged"], "screen")
+    assert picture.grain == pytest.approx(
+        1 / np.sqrt(np.median(picture.rays[picture.rays > 0])), rel=0.5
+    )
+    side, reached = picture.calmer()
+    assert side == 2
+    coarse = query.detector_image(maps["merged"], "screen", bin=2)
+    assert reached == pytest.approx(coarse.grain, rel=0.1)
+    assert picture.calmer(grain=1.0) is None
+    eye = query.detector_image(maps["merged"], "eye", 'source("*") & !source("*")')
+    assert (eye.grain, eye.calmer()) == (None, None)
+
+
+def test_picture_files(maps: dict[str, Any], tmp_path: Path) -> None:
+    picture = query.detector_image(maps["merged"], "screen")
+    query.write_image(picture, tmp_path / "a.npy", "flux")
+    np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), picture.flux)
+    query.write_image(picture, tmp_path / "a.png")
+    query.write_image(picture, tmp_path / "b.png", "flux")
+    image = pytest.importorskip("PIL.Image")
+    with image.open(tmp_path / "a.png") as file:
+        np.testing.assert_array_equal(np.asarray(file)[::-1], picture.srgb())
+    with image.open(tmp_path / "b.png") as file:
+        grey = np.asarray(file)[::-1].astype(float)
+    np.testing.assert_allclose(grey / 65535, picture.flux / picture.flux.max(), atol=1e-5)
+    for name, kind in (("a.jpg", "rgb"), ("a.png", "colour"), ("a.png", "spectral")):
+        with pytest.raises(RayMapError):
+            query.write_image(picture, tmp_path / name, kind)
+    with pytest.raises(RayMapError, match="no folder"):
+        query.write_image(picture, tmp_path / "missing" / "a.png")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.npy", "a.png", "b.png"]
