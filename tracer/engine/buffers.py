@@ -28,8 +28,9 @@ BUNDLE = 512
 
 _PADDING = 40
 
-# Entries of counters; rays of the block are counted where they split
-LIVE, RECORDS, DESCRIPTORS, COLORS, IGNORED, RAYS = range(6)
+# Entries of counters. Rays of the block are counted where they split. Where COUNTING is set,
+# records that no sum of a trace needs may be left out; LEFT_OUT counts them.
+LIVE, RECORDS, DESCRIPTORS, COLORS, IGNORED, RAYS, COUNTING, LEFT_OUT = range(8)
 
 # Rows of live_f: origin 0-2, direction 3-5, distance of the face met next, weight
 T, WEIGHT = 6, 7

@@ -20,9 +20,11 @@ from tracer.engine.buffers import (
     BUNDLE_OWN,
     BUNDLE_SLOT,
     CODE,
+    COUNTING,
     HIT,
     KEY,
     LAST,
+    LEFT_OUT,
     LIVE,
     MEDIUM,
     N_RECORDS,
@@ -133,6 +135,7 @@ def follow_settled(
             g[_RNG, to] = live_i[RNG, i]
             g[_CODE, to] = code
             g[_RAY, to] = live_i[RAY, i]
+            g[_LAST, to] = live_i[LAST, i]
             deepest = max(deepest, count)
             size += 1
         else:
@@ -167,7 +170,7 @@ def _follow(
         _reflectance(scene.surface_i, scene.surface_f, scene.face_i[face, F_SURFACE], f, size)
         _choose(f, size, inward)
         _turn(f, size)
-        size, along = _write(scene, b, face, key, nest, medium, other, beyond, legs, row, size)
+        size, along = _cross_over(scene, b, face, key, nest, medium, other, beyond, legs, row, size)
         legs += 1
         nest, medium = beyond, other
         key = 2 * face + along
@@ -326,21 +329,61 @@ def _choose(f: F64, size: int, inward: bool) -> None:
 
 
 @inner_kernel
-def _write(
+def _cross_over(
     scene: Faces, b: Buffers, face: int, key: int, nest: int, medium: int, other: int,
     beyond: int, legs: int, row: Integer, size: int,
 ) -> tuple[int, int]:  # fmt: skip
-    """Write the records; keep the rays that cross and put back the others.
+    """Move the rays onto the face; keep those that cross and put back the others.
 
     Returns how many go on, and whether along the main axis of the face.
     """
     f, g, live_f, live_i, ray_i = b.stream_f, b.stream_i, b.live_f, b.live_i, b.ray_i
-    words, real, owners, exact = b.words, b.real, b.owners, b.exact
     for j in range(size - 1, -1, -1):
         if f[_OUTCOME, j] == _OTHER_SIDE:
             _put_back(f, g, live_f, live_i, ray_i, j, face, key, nest, medium, legs, row)
             size -= 1
             _fill(f, g, j, size, number(_OUTCOME))
+    if b.counters[COUNTING] == 0:
+        _record(scene, b, face, medium, other, size)
+    else:
+        # Its last record stands for all of a ray's way through the lens
+        b.counters[LEFT_OUT] += size
+    # Let the rays stand on the face
+    for k in range(3):
+        for j in range(size):
+            f[k, j] = f[_POINT + k, j]
+    for k in range(3):
+        for j in range(size):
+            f[3 + k, j] = f[_AFTER + k, j]
+    for j in range(size):
+        drawn = np.uint64(g[_RNG, j])
+        g[_RNG, j] = np.int64(drawn if f[_OUTCOME, j] == _TOTAL else advance(drawn))
+    # Keep those on the other side that go the same way
+    axis = 3 + scene.face_i[face, F_AXIS]
+    sense = 0
+    for j in range(size):
+        if f[_OUTCOME, j] == _CROSSES:
+            sense = 1 if f[axis, j] >= 0.0 else 0
+            break
+    for j in range(size - 1, -1, -1):
+        along = 1 if f[axis, j] >= 0.0 else 0
+        crosses = f[_OUTCOME, j] == _CROSSES
+        if not crosses or along != sense:
+            _put_back(
+                f, g, live_f, live_i, ray_i, j, face, 2 * face + along, beyond if crosses else nest,
+                other if crosses else medium, legs + 1, row,
+            )  # fmt: skip
+            size -= 1
+            _fill(f, g, j, size, number(5))
+    return size, sense
+
+
+@inner_kernel
+def _record(
+    scene: Faces, b: Buffers, face: int, medium: int, other: int, size: int
+) -> None:  # fmt: skip
+    """Write a record for every ray of a stream."""
+    f, g, words, real, owners, exact = b.stream_f, b.stream_i, b.words, b.real, b.owners, b.exact
     obj, triangle = scene.face_i[face, F_OBJECT], scene.face_i[face, F_TRIANGLE]
     mark = scene.face_i[face, F_EVENT]
     crossed = mark | _REFRACTED | (_MEDIUM_CHANGED if other != medium else 0)
@@ -364,36 +407,8 @@ def _write(
             for k in range(3):
                 exact[r + j, k] = f[_POINT + k, j]
     b.counters[RECORDS] = r + size
-    # Let the rays stand on the face
-    for k in range(3):
-        for j in range(size):
-            f[k, j] = f[_POINT + k, j]
-    for k in range(3):
-        for j in range(size):
-            f[3 + k, j] = f[_AFTER + k, j]
     for j in range(size):
         g[_LAST, j] = r + j
-    for j in range(size):
-        drawn = np.uint64(g[_RNG, j])
-        g[_RNG, j] = np.int64(drawn if f[_OUTCOME, j] == _TOTAL else advance(drawn))
-    # Keep those on the other side that go the same way
-    axis = 3 + scene.face_i[face, F_AXIS]
-    sense = 0
-    for j in range(size):
-        if f[_OUTCOME, j] == _CROSSES:
-            sense = 1 if f[axis, j] >= 0.0 else 0
-            break
-    for j in range(size - 1, -1, -1):
-        along = 1 if f[axis, j] >= 0.0 else 0
-        crosses = f[_OUTCOME, j] == _CROSSES
-        if not crosses or along != sense:
-            _put_back(
-                f, g, live_f, live_i, ray_i, j, face, 2 * face + along, beyond if crosses else nest,
-                other if crosses else medium, legs + 1, row,
-            )  # fmt: skip
-            size -= 1
-            _fill(f, g, j, size, number(5))
-    return size, sense
 
 
 @inner_kernel

@@ -17,7 +17,16 @@ from raymap.compiling import Task, address_of, call_at, task
 from raymap.kernels import lean_kernel
 from raymap.portion import Descriptors as DescriptorColumns
 from raymap.portion import Portion
-from tracer.engine.buffers import COLORS, DESCRIPTORS, LIVE, RECORDS, Buffers, Workspace
+from tracer.engine.buffers import (
+    COLORS,
+    COUNTING,
+    DESCRIPTORS,
+    LEFT_OUT,
+    LIVE,
+    RECORDS,
+    Buffers,
+    Workspace,
+)
 from tracer.engine.interact import emit_block, interact, place_block
 from tracer.engine.intersect import nearest_hits
 from tracer.engine.splitting import Twins, has_room, make_twins, start_emissions, widen
@@ -138,6 +147,8 @@ class Wavefront:
         self, first_ray: int, n_rays: int, *, reuse: bool, counted: bool
     ) -> tuple[Portion, int]:
         workspace, assembly = self._buffers()
+        counters = workspace.buffers.counters
+        counters[COUNTING], counters[LEFT_OUT] = int(counted), 0
         records = 0
         assembly.start(n_rays)
         for start in range(0, n_rays, self.block):
@@ -146,7 +157,7 @@ class Wavefront:
             if self.splits:
                 start_emissions(self._local.twins, n, workspace.buffers.counters)
             self._run(workspace, 0)
-            records += int(workspace.buffers.counters[RECORDS])
+            records += int(counters[RECORDS])
             if self.splits:
                 assembly.store_split(workspace, self._local.twins, n)
             else:
@@ -155,7 +166,7 @@ class Wavefront:
         portion = assembly.portion(emitted, self.scene, first_ray, copy=not reuse)
         if self.scene.rare is not None:
             portion = self._weighed(portion, assembly, first_ray, n_rays)
-        return portion, records if counted else portion.n_records
+        return portion, records + int(counters[LEFT_OUT]) if counted else portion.n_records
 
     def _weighed(
         self, portion: Portion, assembly: _Assembly, first_ray: int, n_rays: int
@@ -184,6 +195,7 @@ class Wavefront:
     ) -> Portion:
         """Trace given rays, (n, 3) each, of the first channel, from the world medium."""
         workspace, assembly = self._buffers()
+        workspace.buffers.counters[COUNTING] = 0
         assembly.start(len(origins))
         for start in range(0, len(origins), self.block):
             n = min(self.block, len(origins) - start)
