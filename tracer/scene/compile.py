@@ -49,7 +49,7 @@ from tracer.scene.resolve import resolve_bodies
 from tracer.scene.sheets import warn_of_hidden_sheets
 from tracer.scene.sources import CompiledSources, SourceTable
 from tracer.scene.surfaces import SurfaceTable
-from tracer.scene.touching import FlatFace, warn_of_touching
+from tracer.scene.touching import BodyFace, warn_of_touching
 
 __all__ = ["Compilation", "compile_scene", "resolve_bodies"]
 
@@ -145,8 +145,8 @@ class _Compiler:
         )
         if faces.placed:
             names = [item.name for item in faces.objects]
-            flats = [FlatFace(names[p.object], p.shape) for p in faces.primitives]
-            warn_of_touching(faces.placed, flats, faces.solids, radius, scene.origin)
+            known = [BodyFace(names[p.object], p.shape) for p in faces.primitives]
+            warn_of_touching(faces.placed, known, faces.solids, radius, scene.origin)
         warn_of_hidden_sheets(
             contacts,
             faces.primitives,

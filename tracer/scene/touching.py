@@ -1,4 +1,4 @@
-"""Triangle meshes that touch flat faces or one another: found, and warned about.
+"""Triangle meshes that touch analytic faces or one another: found, and warned about.
 
 Where two faces coincide light must meet one interface. That is so for analytic faces
 (`tracer.scene.contacts`); the triangles of a mesh are found one by one, so where they lie on
@@ -15,10 +15,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.directory import Quadric
 from tracer.geometry.mesh import TriangleMesh
-from tracer.geometry.shapes import Annulus, Polygon, Rectangle, Shape
+from tracer.geometry.shapes import (
+    Annulus,
+    Conic,
+    Cylinder,
+    Frustum,
+    Polygon,
+    Rectangle,
+    Shape,
+    SphereCap,
+)
 
-__all__ = ["FlatFace", "TouchingFaces", "find_touching", "warn_of_touching"]
+__all__ = ["BodyFace", "TouchingFaces", "find_touching", "warn_of_touching"]
 
 Array = NDArray[np.float64]
 Triangles = Array
@@ -30,6 +40,9 @@ _REACH = 1e-7
 _INNER = np.array([[1, 1, 1], [8, 1, 1], [1, 8, 1], [1, 1, 8]]) / np.array([[3], [10], [10], [10]])
 """Places inside a triangle, as shares of its corners."""
 
+_DEPTH = 0.12
+"""Depth of a triangle below the curved face that it stands for, over its longest edge: 55 deg."""
+
 _PAIRS, _BATCH = 1 << 20, 1 << 16
 
 
@@ -37,8 +50,8 @@ class TouchingFaces(UserWarning):
     """Triangles that lie on other faces: what light meets there is left to rounding."""
 
 
-class FlatFace(NamedTuple):
-    """A flat face and the body that it belongs to."""
+class BodyFace(NamedTuple):
+    """An analytic face and the body that it belongs to."""
 
     body: str
     shape: Shape
@@ -46,7 +59,7 @@ class FlatFace(NamedTuple):
 
 def warn_of_touching(
     meshes: Mapping[str, TriangleMesh],
-    flats: Sequence[FlatFace],
+    faces: Sequence[BodyFace],
     solids: Sequence[str],
     size: float,
     place: str,
@@ -56,17 +69,18 @@ def warn_of_touching(
     Parameters
     ----------
     meshes : triangles of bodies by name, in the scene
-    flats : flat analytic faces
+    faces : analytic faces; those with aspheric coefficients are passed over
     solids : names of the bodies with a medium; two sheets need no order
     size : radius of the scene
     place : names the scene
     """
-    for mesh, other, count in find_touching(meshes, flats, solids, size):
+    for mesh, other, count in find_touching(meshes, faces, solids, size):
         many = "1 triangle" if count == 1 else f"{count} triangles"
         warnings.warn(
             f"{place}: bodies {mesh!r} and {other!r} touch along {many} of {mesh!r}: light meets "
             "both faces in the order of rounding, or a film of what is outside between them; let "
-            "them overlap by a micrometre, and give one of them a higher priority",
+            "them overlap by a micrometre (at a curved face by more than the triangles stand off "
+            "it), and give one of them a higher priority",
             TouchingFaces,
             stacklevel=4,
         )
@@ -74,7 +88,7 @@ def warn_of_touching(
 
 def find_touching(
     meshes: Mapping[str, TriangleMesh],
-    flats: Sequence[FlatFace],
+    faces: Sequence[BodyFace],
     solids: Sequence[str],
     size: float,
 ) -> list[tuple[str, str, int]]:
@@ -84,11 +98,12 @@ def find_touching(
     found: dict[tuple[str, str], int] = {}
     names = list(meshes)
     for k, name in enumerate(names):
-        for flat in flats:
-            if name in solids or flat.body in solids:
-                count = _on_flat_face(corners[name], flat.shape, reach)
+        for body, shape in faces:
+            if name in solids or body in solids:
+                count = _on_flat_face(corners[name], shape, reach)
+                count += _on_curved_face(corners[name], shape, reach)
                 if count:
-                    found[name, flat.body] = found.get((name, flat.body), 0) + count
+                    found[name, body] = found.get((name, body), 0) + count
         for other in names[k + 1 :]:
             if name in solids or other in solids:
                 count = _on_triangles(corners[name], corners[other], reach)
@@ -118,6 +133,53 @@ def _on_flat_face(triangles: Triangles, shape: Shape, reach: float) -> int:
     pieces = own[0][own[1]]
     lies |= _inside(_places(pieces).reshape(-1, 3), triangles).any(axis=0)
     return int(np.count_nonzero(lies))
+
+
+def _on_curved_face(triangles: Triangles, shape: Shape, reach: float) -> int:
+    """Triangles that stand for a curved face: their corners lie on it, and they lie along it."""
+    if not isinstance(shape, SphereCap | Cylinder | Frustum | Conic):
+        return 0
+    quadric = shape.quadric()
+    if quadric is None:
+        return 0
+    triangles = triangles[_near(triangles, *shape.bounds(), reach)]
+    value, gradient = _quadric(quadric, triangles)
+    steepness = np.linalg.norm(gradient, axis=-1)
+    triangles = triangles[(np.abs(value) <= reach * steepness).all(axis=1) & (steepness > 0).all(1)]
+    if not len(triangles):
+        return 0
+    # Their middles are near the face, too, and look as it does
+    places = _places(triangles)
+    value, outward = _quadric(quadric, places[:, 0])
+    steepness = np.linalg.norm(outward, axis=1)
+    edges = triangles - np.roll(triangles, 1, axis=1)
+    lies = np.abs(value) <= _DEPTH * np.linalg.norm(edges, axis=2).max(axis=1) * steepness
+    normal = np.cross(edges[:, 0], edges[:, 1])
+    lengths = np.linalg.norm(normal, axis=1) * steepness
+    lies &= np.abs(np.einsum("ij,ij->i", normal, outward)) > 0.7 * lengths
+    return int(np.count_nonzero(lies & _along(shape, places).any(axis=1)))
+
+
+def _quadric(quadric: Quadric, places: Array) -> tuple[Array, Array]:
+    """Value and gradient of a quadric at places (…, 3)."""
+    xx, yy, zz, xy, xz, yz, *linear, constant = quadric.coefficients
+    matrix = np.array([[xx, xy / 2, xz / 2], [xy / 2, yy, yz / 2], [xz / 2, yz / 2, zz]])
+    across = places @ matrix
+    value = (across * places).sum(axis=-1) + places @ np.array(linear) + constant
+    return value, 2.0 * across + np.array(linear)
+
+
+def _along(shape: SphereCap | Cylinder | Frustum | Conic, places: Array) -> NDArray[np.bool_]:
+    """Which places (…, 3) near the surface that a curved face is part of lie on the face."""
+    row = shape.row()
+    from_origin = places - row[0:3]
+    height = from_origin @ row[3:6]
+    if isinstance(shape, SphereCap):
+        return np.asarray(height <= shape.sag)
+    if isinstance(shape, Cylinder | Frustum):
+        return np.asarray((height >= shape.low) & (height <= shape.high))
+    r = np.sqrt(np.maximum(0.0, (from_origin**2).sum(axis=-1) - height**2))
+    return np.asarray((r >= shape.inner) & (r <= shape.semi_diameter))
 
 
 def _places(triangles: Triangles) -> Array:

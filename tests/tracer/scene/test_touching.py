@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 import warnings
 from pathlib import Path
@@ -153,3 +154,71 @@ def test_analytic_faces_need_no_warning() -> None:
     contacts = compiled("[media.g]\nindex = 1.5\n" + two + lamp).arrays.contacts
     assert contacts is not None
     assert len(contacts.face) > 0
+
+
+ROD = """
+[bodies.rod]
+kind = "mesh"
+file = "rod.stl"
+scale = 1
+medium = "g"
+position = [{place}]
+"""
+LAMP = '[media.g]\nindex = 1.5\n[sources.s]\nkind = "point"\nposition = [0, 0, 90]\n'
+CURVED = {
+    "in a bore of its size": (
+        ROD.format(name="rod", place="0, 0, 0"),
+        'kind = "cylinder"\nradius = 1\nlength = 6\nposition = [0, 0, -3]\n',
+        96,
+    ),
+    "half in it": (
+        ROD.format(name="rod", place="0, 0, 3"),
+        'kind = "cylinder"\nradius = 1\nlength = 6\nposition = [0, 0, -3]\n',
+        96,
+    ),
+    "end to end": (
+        ROD.format(name="rod", place="0, 0, 4"),
+        'kind = "cylinder"\nradius = 1\nlength = 6\nposition = [0, 0, -3]\n',
+        48,
+    ),
+    "a ball in a ball": (
+        ROD.format(name="rod", place="1, 2, 3").replace("rod.stl", "ball.stl"),
+        'kind = "sphere"\nradius = 1\nposition = [1, 2, 3]\n',
+        320,
+    ),
+    "a ball on the face of a lens": (
+        ROD.format(name="rod", place="0, 0, 1").replace("rod.stl", "ball.stl"),
+        'kind = "lens"\nthickness = 3\nposition = [0, 0, -3]\nfront = { semi_diameter = 1 }\n'
+        "back = { radius = 1, semi_diameter = 0.9 }\n",
+        None,
+    ),
+}
+
+
+@pytest.mark.parametrize("case", CURVED)
+def test_triangles_along_a_curved_face_are_named(case: str, folder: Path) -> None:
+    mesh, other, count = CURVED[case]
+    trimesh.creation.cylinder(radius=1, height=2, sections=48).export(folder / "rod.stl")
+    trimesh.creation.icosphere(subdivisions=2).export(folder / "ball.stl")
+    text = f'length_unit = "mm"\n{LAMP}{mesh}[bodies.other]\n{other}medium = "g"\n'
+    with pytest.warns(TouchingFaces, match="by more than the triangles stand off it") as caught:
+        compile_scene(parse_scene(text, folder=folder))
+    (message,) = [str(item.message) for item in caught]
+    found = re.search(r"'rod' and 'other' touch along (\d+) triangles", message)
+    assert found is not None
+    if count is not None:
+        assert int(found[1]) == count
+    else:
+        # Triangles with a middle within the face: fewer than half of the ball
+        assert 60 < int(found[1]) < 160
+
+
+def test_triangles_beside_a_curved_face_are_left_alone(folder: Path) -> None:
+    trimesh.creation.cylinder(radius=1, height=2, sections=48).export(folder / "rod.stl")
+    for other in (
+        'kind = "cylinder"\nradius = 1.001\nlength = 6\nposition = [0, 0, -3]\n',
+        'kind = "cylinder"\nradius = 1\nlength = 6\nposition = [0, 0, 1.001]\n',
+        'kind = "sphere"\nradius = 1.41421356237\n',  # through the rims of both ends
+    ):
+        text = f'length_unit = "mm"\n{LAMP}{ROD.format(place="0, 0, 0")}[bodies.other]\n{other}'
+        compile_scene(parse_scene(text + 'medium = "g"\n', folder=folder))
