@@ -71,8 +71,12 @@ def pass_planes(
         if not 0.0 < t <= t_end:
             continue
         px, py, pz = x + t * dx - s[0], y + t * dy - s[1], z + t * dz - s[2]
-        u = (px * s[3] + py * s[4] + pz * s[5]) / s[12] + 0.5
-        v = (px * s[6] + py * s[7] + pz * s[8]) / s[13] + 0.5
+        p_u = px * s[3] + py * s[4] + pz * s[5]
+        p_v = px * s[6] + py * s[7] + pz * s[8]
+        # Most planes are far off: that takes no division
+        if abs(p_u) > s[12] or abs(p_v) > s[13]:
+            continue
+        u, v = p_u / s[12] + 0.5, p_v / s[13] + 0.5
         if u < 0.0 or u > 1.0 or v < 0.0 or v > 1.0:
             continue
         _describe(

@@ -119,6 +119,7 @@ class MeshScratch(NamedTuple):
     hit_body: I64
     hit_row: I64
     chosen: I64
+    cells: I32
 
 
 def mesh_scratch() -> MeshScratch:
@@ -139,6 +140,7 @@ def mesh_scratch() -> MeshScratch:
         hit_body=np.zeros(_BLOCK, np.int64),
         hit_row=np.zeros(_BLOCK, np.int64),
         chosen=np.zeros(_BLOCK, np.int64),
+        cells=np.zeros((6, _BLOCK), np.int32),
     )
 
 
@@ -345,35 +347,49 @@ def _clip_to_box(
             leave[k] = far if far < leave[k] else leave[k]
 
 
+@inner_kernel
+def _find_cells(
+    rays: F64, base: int, size: int, box: F64, counts: tuple[int, int, int], enter: F64,
+    leave: F64, cells: I32,
+) -> None:  # fmt: skip
+    """First and last cells along the axes that the stretches of rays in the box touch."""
+    for axis in range(3):
+        low, per, top = box[axis], box[6 + axis], counts[axis] - 1.0
+        if counts[axis] == 1:
+            for k in range(size):
+                cells[axis, k] = 0
+            for k in range(size):
+                cells[3 + axis, k] = 0
+            continue
+        for k in range(size):
+            origin, way = rays[axis, base + k], rays[3 + axis, base + k]
+            a, b = (origin + enter[k] * way - low) * per, (origin + leave[k] * way - low) * per
+            first = a if a < b else b
+            first = first if first > 0.0 else 0.0
+            cells[axis, k] = np.int32(first if first < top else top)
+        for k in range(size):
+            origin, way = rays[axis, base + k], rays[3 + axis, base + k]
+            a, b = (origin + enter[k] * way - low) * per, (origin + leave[k] * way - low) * per
+            last = b if a < b else a
+            last = last if last > 0.0 else 0.0
+            cells[3 + axis, k] = np.int32(last if last < top else top)
+
+
 @inline_kernel
-def _may_meet(
-    rays: F64, i: int, enter: float, leave: float, box: F64, occupied: NDArray[np.uint8]
-) -> bool:
+def _may_meet(cells: I32, k: int, occupied: NDArray[np.uint8]) -> bool:
     """Whether a stretch of a ray comes through an occupied cell, or through too many to look."""
-    ax, bx = _cells(rays[0, i], rays[3, i], enter, leave, box[0], box[6], occupied.shape[0])
-    ay, by = _cells(rays[1, i], rays[4, i], enter, leave, box[1], box[7], occupied.shape[1])
-    az, bz = _cells(rays[2, i], rays[5, i], enter, leave, box[2], box[8], occupied.shape[2])
-    cells = (bx - ax) * (by - ay) * (bz - az)
-    if cells == 1:
-        return bool(occupied[unsigned(ax), unsigned(ay), unsigned(az)] != 0)
-    if cells > _FEW_CELLS:
+    ax, ay, az = unsigned(cells[0, k]), unsigned(cells[1, k]), unsigned(cells[2, k])
+    bx, by, bz = unsigned(cells[3, k]), unsigned(cells[4, k]), unsigned(cells[5, k])
+    if (bx - ax) | (by - ay) | (bz - az) == 0:
+        return bool(occupied[ax, ay, az] != 0)
+    if (bx - ax + 1) * (by - ay + 1) * (bz - az + 1) > _FEW_CELLS:
         return True
-    for p in range(ax, bx):
-        for q in range(ay, by):
-            for s in range(az, bz):
+    for p in range(ax, bx + 1):
+        for q in range(ay, by + 1):
+            for s in range(az, bz + 1):
                 if occupied[unsigned(p), unsigned(q), unsigned(s)] != 0:
                     return True
     return False
-
-
-@inline_kernel
-def _cells(
-    origin: float, way: float, enter: float, leave: float, low: float, per: float, count: int
-) -> tuple[int, int]:
-    """First cell along an axis that a stretch of a ray touches, and the one after the last."""
-    a, b = (origin + enter * way - low) * per, (origin + leave * way - low) * per
-    first, last = (a, b) if a < b else (b, a)
-    return max(0, min(count - 1, int(first))), max(0, min(count - 1, int(last))) + 1
 
 
 @lean_kernel
@@ -412,14 +428,15 @@ def nearest_on_meshes(
     offset = _OFFSET * radius
     near = _NEAR * radius
     cx, cy, cz = m.center[0], m.center[1], m.center[2]
-    box, occupied, chosen = m.box, m.occupied, scratch.chosen
+    box, occupied, chosen, cells = m.box, m.occupied, scratch.chosen, scratch.cells
     for base in range(0, n, _BLOCK):
         size = min(_BLOCK, n - base)
         # Choose the rays that come near a triangle
         _clip_to_box(rays, t, base, size, box, CELL_MARGIN * radius, begin, ways)
+        _find_cells(rays, base, size, box, occupied.shape, begin, ways, cells)
         count = 0
         for k in range(size):
-            if begin[k] <= ways[k] and _may_meet(rays, base + k, begin[k], ways[k], box, occupied):
+            if begin[k] <= ways[k] and _may_meet(cells, k, occupied):
                 i = base + k
                 chosen[count], begin[count] = i, begin[k]
                 own = own_body[i]
