@@ -306,6 +306,7 @@ def render(
     threads: int | None = None,
     executor: Executor | None = None,
     state: str | Path | None = None,
+    keep_state: bool = False,
     progress: Callable[[int, int], Any] | None = None,
 ) -> Picture:
     """Render a scene.
@@ -315,7 +316,7 @@ def render(
     threads : of an own pool, default all cores
     executor : used instead of an own pool; its workers must share memory (threads)
     state : file that keeps finished tiles, so that an interrupted rendering of the same scene
-        goes on where it stopped; removed at the end
+        goes on where it stopped; removed at the end, unless it is kept until the picture is saved
     progress : called with tiles done and tiles in all
     """
     work = _prepare(scene)
@@ -347,7 +348,9 @@ def render(
     finally:
         if executor is None:
             pool.shutdown(wait=True)
-    if path is not None:
+    if path is not None and keep_state:
+        _save_state(path, work, fingerprint, done)
+    elif path is not None:
         path.unlink(missing_ok=True)
     return Picture(
         spectral=work.spectral,

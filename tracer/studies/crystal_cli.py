@@ -115,15 +115,18 @@ def render(
     if analyser is not None:
         camera = replace(description.camera, analyser_deg=analyser)
         description = replace(description, camera=camera)
+    state = output.with_name(output.name + ".state.npz")
     with Progress(disable=as_json, transient=True) as bar:
         task = bar.add_task(description.name, total=None)
         picture = render_scene(
             description,
             threads=threads,
-            state=output.with_name(output.name + ".state.npz"),
+            state=state,
+            keep_state=True,
             progress=lambda done, total: bar.update(task, completed=done, total=total),
         )
     picture.save(output)
+    state.unlink(missing_ok=True)
     summary = {
         "picture": str(output),
         "pixels": list(description.camera.pixels),

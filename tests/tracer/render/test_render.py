@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from raymap.errors import SceneError
+from raymap.replacing import NotWritten
 from tracer.crystals.scene_language import crystal_scene_of
 from tracer.render.camera import Camera
 from tracer.render.images import spectral_channels, to_bytes, write_exr, write_png
 from tracer.render.load import load_render_text
-from tracer.render.renderer import error_in_steps, render, sample_pixels
+from tracer.render.renderer import Picture, error_in_steps, render, sample_pixels
 from tracer.render.room import Room, checker_board, uniform
 from tracer.render.spectra import primary_spectra, rgb_weights, visible_wavelengths
 from tracer.scene.load import parse_scene
@@ -101,6 +102,30 @@ def test_an_interrupted_picture_goes_on(board, tmp_path):
     again = render(board, threads=2, state=state, progress=lambda a, b: counts.append(a))
     np.testing.assert_array_equal(again.spectral, whole.spectral)
     assert not state.exists()
+
+
+def test_a_picture_that_cannot_be_written_is_not_rendered_again(run, tmp_path, monkeypatch):
+    scene = tmp_path / "room.toml"
+    scene.write_text(SCENE.format(walls=BOARD))
+    target, state = tmp_path / "a.png", tmp_path / "a.png.state.npz"
+
+    def refuse(self, path):
+        raise NotWritten(path, "the disk is full")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Picture, "save", refuse)
+        assert run("render", scene, "-o", target)[0] == 1
+    assert state.exists()
+    assert not target.exists()
+    with monkeypatch.context() as patch:
+        patch.setattr("tracer.render.renderer._tile", None)  # nothing is left to do
+        code, _, said = run("render", scene, "-o", target)
+    assert code == 0, said
+    assert target.exists()
+    assert not state.exists()
+    old = target.read_bytes()
+    assert run("render", scene, "-o", target, "--width", "6")[0] == 0
+    assert target.read_bytes() != old
 
 
 def test_bare_walls_have_their_colour():
