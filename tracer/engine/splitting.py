@@ -9,7 +9,7 @@ depend on the other emissions of the block.
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeVar
+from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -307,6 +307,10 @@ def widen(workspace: Workspace, twins: Twins) -> Twins:
 
 
 def _wider(array: Array) -> Array:
-    larger = np.empty((2 * array.shape[1], array.shape[0]), array.dtype).T
+    # Compiled code knows one layout of each array
+    layout: Literal["C", "F"] = "C" if array.flags.c_contiguous else "F"
+    larger: Array = np.empty(  # type: ignore[assignment]
+        (array.shape[0], 2 * array.shape[1]), array.dtype, order=layout
+    )
     larger[:, : array.shape[1]] = array
-    return larger  # type: ignore[return-value]
+    return larger
