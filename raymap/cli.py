@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import errno
+import gc
 import json
 import os
 import re
@@ -302,6 +304,8 @@ def _told(error: RayMapError) -> str:
 
 def main() -> None:
     """Run the command line: 0 good, 1 a refused request, 2 usage, 130 after Ctrl-C."""
+    # The process ends soon after: search no garbage among all that was imported and compiled
+    atexit.register(gc.freeze)
     try:
         _run(application(*sys.argv[1:2]))
     except RayMapError as error:

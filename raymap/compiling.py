@@ -15,8 +15,8 @@ import pickle
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -48,17 +48,10 @@ class Task(NamedTuple):
 
     def compile(self) -> None:
         """Compile, or read from the cache of compiled code."""
-        # Compilers make millions of objects that live until the end
-        collecting = gc.isenabled()
-        gc.disable()
-        try:
-            if self.key:
-                self.function(*self.arguments)
-            else:
-                self.function.compile(self.arguments)
-        finally:
-            if collecting:
-                gc.enable()
+        if self.key:
+            self.function(*self.arguments)
+        else:
+            self.function.compile(self.arguments)
 
     @property
     def mark(self) -> str:
@@ -117,13 +110,26 @@ def compile_ahead(tasks: Sequence[Task], *, processes: int) -> None:
         return
     folder = Path(kept)
     left = [item for item in tasks if not (folder / item.mark).exists()]
-    if len(left) > 1 and min(processes, os.cpu_count() or 1) > 1 and _is_python():
-        with tempfile.TemporaryDirectory() as claims:
-            _share(left, claims)
-    for item in left:
-        item.compile()
-        with suppress(OSError):
-            (folder / item.mark).touch()
+    with _no_collecting():
+        if len(left) > 1 and min(processes, os.cpu_count() or 1) > 1 and _is_python():
+            with tempfile.TemporaryDirectory() as claims:
+                _share(left, claims)
+        for item in left:
+            item.compile()
+            with suppress(OSError):
+                (folder / item.mark).touch()
+
+
+@contextmanager
+def _no_collecting() -> Iterator[None]:
+    """Let no garbage be looked for among the millions of objects that compilers make."""
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collecting:
+            gc.enable()
 
 
 def _is_python() -> bool:
@@ -156,11 +162,14 @@ def _share(tasks: Sequence[Task], claims: str) -> None:
 
 def help_out() -> None:
     """What the other process does: compile tasks that it reads from its standard input."""
+    gc.disable()
     path, claims, tasks = pickle.load(sys.stdin.buffer)
     sys.path[:] = path
     for item in tasks:
         if _claim(claims, item):
             item.compile()
+    # The first process waits for the end of this one: look for no garbage then, either
+    gc.freeze()
 
 
 def _claim(claims: str, item: Task) -> bool:

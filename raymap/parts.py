@@ -12,6 +12,9 @@ from typing import Any
 
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler_machinery import PassManager
+from numba.core.typed_passes import NopythonRewrites
+from numba.core.untyped_passes import InlineClosureLikes
 
 __all__ = ["PartCompiler"]
 
@@ -48,11 +51,19 @@ class _PartLibrary(JITCodeLibrary):  # type: ignore[misc]
         self._finalized = True
 
 
+_FOR_ARRAYS_TO_COME = (InlineClosureLikes, NopythonRewrites)
+"""Passes that look for list comprehensions and array expressions: parts allocate nothing."""
+
+
 class PartCompiler(CompilerBase):  # type: ignore[misc]
-    """The usual passes, into a library that only serves callers."""
+    """The usual passes, as far as parts need them, into a library that only serves callers."""
 
     def define_pipelines(self) -> list[Any]:
         if self.state.library is None:
             codegen = self.state.targetctx.codegen()
             self.state.library = _PartLibrary(codegen, self.state.func_id.func_qualname)
-        return [DefaultPassBuilder.define_nopython_pipeline(self.state)]
+        usual = DefaultPassBuilder.define_nopython_pipeline(self.state)
+        manager = PassManager("part")
+        manager.passes.extend(each for each in usual.passes if each[0] not in _FOR_ARRAYS_TO_COME)
+        manager.finalize()
+        return [manager]

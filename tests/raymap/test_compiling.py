@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import gc
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
-from raymap.compiling import address_of, call_at, task
+from raymap.compiling import Task, address_of, call_at, compile_ahead, task
 from raymap.kernels import inner_kernel, lean_kernel
 
 
@@ -33,6 +35,14 @@ def test_a_function_is_called_by_its_address() -> None:
     column = np.arange(5.0)
     _call(address_of(task(_add, column, 0.0)), column, 1.5)
     np.testing.assert_array_equal(column, np.arange(5.0) + 3.0)
+
+
+def test_garbage_is_looked_for_again_after_compiling() -> None:
+    compile_ahead([task(_add, np.arange(5.0), 0.0)], processes=1)
+    assert gc.isenabled()
+    with pytest.raises(AttributeError):
+        compile_ahead([task(_add, np.arange(5.0), 0.0), Task(__name__, "absent", ())], processes=1)
+    assert gc.isenabled()
 
 
 SCRIPT = """
