@@ -147,7 +147,7 @@ class Tally:
         by_channel = self._sums[:, part] / COLOR_SCALE
         return DetectorCount(
             cells=self._count(
-                by_channel.sum(axis=2).reshape(-1, n_v, n_u),
+                _all_channels(by_channel).reshape(-1, n_v, n_u),
                 self._squares[:, part].reshape(-1, n_v, n_u) / COLOR_SCALE**2,
             ),
             whole=self._count(self._whole[0, :, number], self._whole[1, :, number]),
@@ -203,6 +203,14 @@ class Tally:
         flux = per_ray @ self.endings[0]
         total = float(flux.sum())
         return float(flux[CLASSES.index(name)]) / total if total else 0.0
+
+
+def _all_channels(by_channel: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Sum over the last axis, which is short: NumPy takes ten times as long."""
+    total = np.zeros(by_channel.shape[:-1])
+    for channel in range(by_channel.shape[-1]):
+        total += by_channel[..., channel]
+    return total
 
 
 def _plain(value: Any) -> float:
