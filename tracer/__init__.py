@@ -9,7 +9,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from tracer.recording import Progress, RecordResult, StoppedLight, record
+    from tracer.recording import StoppedLight, record
+    from tracer.results import Progress, RecordResult
     from tracer.scene.compile import Compilation, compile_scene
     from tracer.scene.load import load_scene, parse_scene
     from tracer.scene.model import Scene
@@ -17,7 +18,8 @@ if TYPE_CHECKING:
     from tracer.trace import TracedRays, trace_rays
 
 _PLACES = {
-    "tracer.recording": ["Progress", "RecordResult", "StoppedLight", "record"],
+    "tracer.recording": ["StoppedLight", "record"],
+    "tracer.results": ["Progress", "RecordResult"],
     "tracer.scene.compile": ["Compilation", "compile_scene"],
     "tracer.scene.load": ["load_scene", "parse_scene"],
     "tracer.scene.model": ["Scene"],

@@ -10,7 +10,7 @@ import typer
 from raymap.errors import SceneError
 
 if TYPE_CHECKING:
-    from tracer.recording import Progress, RecordResult
+    from tracer.results import Progress, RecordResult
     from tracer.scene.model import Scene
 
 __all__ = ["register"]

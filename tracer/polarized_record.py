@@ -38,7 +38,7 @@ from tracer.engine.polarized import (
 )
 from tracer.engine.wavefront import Wavefront
 from tracer.geometry.kinds import MESH
-from tracer.recording import RecordResult
+from tracer.results import RecordResult
 from tracer.scene.arrays import F_KIND, F_OBJECT, F_TRIANGLE
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.load import load_scene

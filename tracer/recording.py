@@ -8,9 +8,9 @@ import warnings
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,12 +18,14 @@ from raymap.cells import is_pinhole
 from raymap.cluster import shares_memory
 from raymap.encoder import EncodedPortion, PortionEncoder
 from raymap.errors import MapExists, SceneError
-from raymap.portion import Descriptors, Portion
+from raymap.portion import Portion
 from raymap.schema import PORTION_RAYS, PORTION_RECORDS
 from raymap.writer import RayMapWriter
-from tracer.counts import Counts, DetectorCount
+from tracer.counts import Counts
 from tracer.engine.wavefront import Wavefront
+from tracer.pieces import copied, split_portion
 from tracer.rehearsal import compile_trace, order_faces
+from tracer.results import Progress, RecordResult
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.load import load_scene
 from tracer.scene.model import Scene
@@ -35,7 +37,7 @@ if TYPE_CHECKING:
     from tracer.crystals.scene_language import CrystalCompilation, CrystalWavefront
     from tracer.engine.pinhole import Pinholes
 
-__all__ = ["Progress", "RecordResult", "StoppedLight", "record", "run_into", "split_portion"]
+__all__ = ["StoppedLight", "record", "run_into"]
 
 DEFAULT_RAYS = 1_000_000
 DEFAULT_SEED = 1
@@ -47,57 +49,6 @@ _PILOT_RAYS = 1024
 
 class StoppedLight(UserWarning):
     """The depth limit stopped more light than can be neglected."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Progress:
-    """Where a running trace stands."""
-
-    rays: int
-    records: int
-    seconds: float
-    bytes: int
-    total_rays: int | None
-    total_seconds: float | None
-
-
-@dataclass(frozen=True, kw_only=True)
-class RecordResult:
-    """What a trace did.
-
-    Attributes
-    ----------
-    rays, records, bytes : of this run; ``bytes`` is 0 where no map was written
-    seconds : from the first ray to the closed file, compilation excluded
-    audit : per source how its rays ended, exclusive; they add up to ``emitted``
-    absorbed_by : objects and media with the rays that they absorbed
-    fluxes : the same, and what each detector registered, as flux with its standard error
-    warnings : one line each
-    interrupted : stopped by Ctrl-C; the map is valid
-    """
-
-    rays: int
-    records: int
-    seconds: float
-    rays_per_second: float
-    bytes: int
-    threads: int
-    seed: int
-    audit: dict[str, dict[str, float]]
-    absorbed_by: dict[str, dict[str, float]]
-    fluxes: dict[str, Any]
-    warnings: list[str] = field(default_factory=list)
-    interrupted: bool = False
-    counts: Counts = field(repr=False)
-
-    @property
-    def detectors(self) -> dict[str, DetectorCount]:
-        """Flux by cell of each detector."""
-        return self.counts.detectors
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain values, without the pictures of the detectors."""
-        return {item.name: getattr(self, item.name) for item in fields(self) if item.repr}
 
 
 def record(
@@ -407,7 +358,7 @@ class _Run:
             return None
         if portion.n_records > PORTION_RECORDS and portion.n_rays > 1:
             pieces = split_portion(portion)
-            return [_copied(piece) for piece in pieces]
+            return [copied(piece) for piece in pieces]
         return self.writer.encode(portion, number)
 
     def _traced(self, first: int, n: int) -> Portion:
@@ -471,79 +422,3 @@ def _pinholes(compilation: Compilation | CrystalCompilation) -> Pinholes | None:
     from tracer.engine.pinhole import Pinholes
 
     return Pinholes(compilation)
-
-
-def split_portion(portion: Portion) -> list[Portion]:
-    """Cut a portion where it would pass the limit of records; one emission is never cut."""
-    offsets = np.concatenate(([0], np.cumsum(portion.records_per_ray)))
-    meetings = np.concatenate(([0], np.cumsum(portion.descriptor_count, dtype=np.int64)))
-    cuts = np.arange(portion.n_rays + 1)
-    if portion.emission is not None:
-        begins = np.diff(portion.emission, prepend=portion.emission[0] - 1) != 0
-        cuts = np.append(np.flatnonzero(begins), portion.n_rays)
-    pieces = []
-    at = 0
-    while at < len(cuts) - 1:
-        limit = offsets[cuts[at]] + PORTION_RECORDS
-        end = max(at + 1, int(np.searchsorted(offsets[cuts], limit, side="right")) - 1)
-        pieces.append(_piece(portion, offsets, meetings, int(cuts[at]), int(cuts[end])))
-        at = end
-    return pieces
-
-
-def _piece(portion: Portion, offsets: Any, meetings: Any, start: int, stop: int) -> Portion:
-    """Rays ``start`` to ``stop`` of a portion."""
-    records = slice(int(offsets[start]), int(offsets[stop]))
-    found = slice(int(meetings[records.start]), int(meetings[records.stop]))
-    d = portion.descriptors
-    source = portion.source[start:stop]
-    rays = {
-        name: getattr(portion, name)[start:stop]
-        for name in ("weight", "emission", "ray_ids")
-        if getattr(portion, name) is not None
-    }
-    emitters = source
-    if portion.emission is not None:
-        emitters = source[np.unique(rays["emission"], return_index=True)[1]]
-    return replace(
-        portion,
-        emitted=np.bincount(emitters, minlength=len(portion.emitted)).astype(np.int64),
-        source=source,
-        **rays,
-        records_per_ray=portion.records_per_ray[start:stop],
-        **{
-            name: getattr(portion, name)[records]
-            for name in (
-                "position", "normal", "object", "triangle", "event", "medium", "color_code",
-                "descriptor_count",
-            )
-        },
-        descriptors=Descriptors(
-            detector=d.detector[found],
-            cell=d.cell[found],
-            cosine=d.cosine[found],
-            uv=d.uv[found],
-            registered=d.registered[found],
-        ),
-        first_ray=portion.first_ray + start,
-    )  # fmt: skip
-
-
-def _copied(portion: Portion) -> Portion:
-    """A portion that owns its columns."""
-    columns = (
-        "position", "normal", "object", "triangle", "event", "medium", "color_code",
-        "color_table", "descriptor_count", "records_per_ray", "source",
-    )  # fmt: skip
-    d = portion.descriptors
-    return replace(
-        portion,
-        **{name: getattr(portion, name).copy() for name in columns},
-        descriptors=Descriptors(
-            detector=d.detector.copy(),
-            cell=d.cell.copy(),
-            cosine=d.cosine.copy(),
-            uv=d.uv.copy(),
-            registered=d.registered.copy(),
-        ),
-    )

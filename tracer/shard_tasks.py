@@ -21,7 +21,7 @@ from raymap.writer import RayMapWriter
 from tracer.scene.arrays import R_RAYS, R_SPLITS, CompiledScene
 
 if TYPE_CHECKING:
-    from tracer.recording import RecordResult
+    from tracer.results import RecordResult
     from tracer.scene.compile import Compilation
 
 __all__ = ["Shard", "ShardTask", "fan", "pack", "trace_shard", "unpack"]

@@ -27,7 +27,7 @@ from tracer.shard_folder import begin_folder, owned_folder
 from tracer.shard_tasks import Shard, ShardTask, pack, trace_shard
 
 if TYPE_CHECKING:
-    from tracer.recording import Progress, RecordResult
+    from tracer.results import Progress, RecordResult
     from tracer.scene.compile import Compilation
 
 __all__ = ["record_shards"]
@@ -278,7 +278,7 @@ class _SpreadTrace:
         )
 
     def _progress(self, began: float) -> Progress:
-        from tracer.recording import Progress
+        from tracer.results import Progress
 
         shards = self.done.values()
         return Progress(
@@ -295,7 +295,7 @@ def _joined(
     results: list[RecordResult], *, bytes: int, seconds: float, workers: int, interrupted: bool
 ) -> RecordResult:
     """One result of many."""
-    from tracer.recording import RecordResult
+    from tracer.results import RecordResult
 
     rays = sum(result.rays for result in results)
     counts = add_counts([result.counts for result in results])

@@ -14,7 +14,9 @@ from raymap.cli import application
 from raymap.errors import MapExists, SceneMismatch
 from raymap.schema import PORTION_RECORDS
 from tracer.engine.wavefront import Wavefront
-from tracer.recording import Progress, StoppedLight, record, split_portion
+from tracer.pieces import split_portion
+from tracer.recording import StoppedLight, record
+from tracer.results import Progress
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.load import load_scene, parse_scene
 

@@ -23,7 +23,8 @@ from raymap.cli import application
 from raymap.cluster import scheduler_executor, worker_count
 from raymap.errors import MapExists, MapLocked, RayMapError, SceneError, SceneMismatch
 from tests.scenes import MIRROR_BALL
-from tracer.recording import Progress, record
+from tracer.recording import record
+from tracer.results import Progress
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.load import load_scene, parse_scene
 from tracer.shard_tasks import fan, pack, unpack

@@ -76,7 +76,7 @@ class Buffers(NamedTuple):
     colors (n, C) : mixed colours
     counters : see above
     bundle_f (8, BUNDLE), bundle_i (4, BUNDLE), bins : scratch of the intersection
-    stream_f (26, BUNDLE), stream_i (8, BUNDLE) : scratch of `tracer.engine.refraction`
+    stream_f (26, BUNDLE), stream_i (8, BUNDLE) : scratch of `tracer.engine.streams`
     """
 
     live_f: F64

@@ -46,8 +46,8 @@ from tracer.engine.meetings import near_planes, pass_planes, pass_views, registe
 from tracer.engine.nests import top_body
 from tracer.engine.random import advance, stream_state
 from tracer.engine.records import ENDING, write_record
-from tracer.engine.refraction import DONE
 from tracer.engine.splitting import Twins, gather_twins, release_twin, twin_code, twin_event
+from tracer.engine.streams import DONE
 from tracer.engine.volumes import fly_freely, passes_surely
 from tracer.engine.weighted import aim_in_volume, end_faint_ray, meet
 from tracer.geometry.kinds import F64, I64, MESH

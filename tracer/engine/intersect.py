@@ -15,7 +15,7 @@ import numpy as np
 from raymap.kernels import inner_kernel, lean_kernel, number, unsigned
 from tracer.engine.buffers import BUNDLE, HIT, KEY, Buffers, T
 from tracer.engine.buffers import OWN as LIVE_OWN
-from tracer.engine.refraction import follow_settled
+from tracer.engine.streams import follow_settled
 from tracer.geometry.kinds import F64, I64, Integer
 from tracer.geometry.nearest import DISTANCE, OWN, nearest_on_face
 from tracer.scene.arrays import F_KIND, I32, Faces

@@ -150,7 +150,7 @@ class CompiledScene(NamedTuple):
     pattern : deals ray numbers to sources
     first, face, distance, settle, settles : candidate lists (`tracer.scene.candidates`)
     plain, target : faces at which streams of rays are refracted, and the place of the face for
-        which those of a departure are bound, -1 none (`tracer.engine.refraction`)
+        which those of a departure are bound, -1 none (`tracer.engine.streams`)
     tables : flat pool of all sampled functions; None where no medium absorbs or scatters and all
         surfaces absorb, are bare or of constant reflectance, or Lambertian
 

@@ -16,7 +16,8 @@ from raymap.events import Event
 from raymap.portion import Portion
 from tests.tracer.engine.tracing import compiled
 from tracer.engine.wavefront import Wavefront
-from tracer.recording import record, split_portion
+from tracer.pieces import split_portion
+from tracer.recording import record
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.load import parse_scene
 

@@ -1,0 +1,61 @@
+"""What a trace reports while it runs and when it has ended."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+from tracer.counts import Counts, DetectorCount
+
+__all__ = ["Progress", "RecordResult"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Progress:
+    """Where a running trace stands."""
+
+    rays: int
+    records: int
+    seconds: float
+    bytes: int
+    total_rays: int | None
+    total_seconds: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordResult:
+    """What a trace did.
+
+    Attributes
+    ----------
+    rays, records, bytes : of this run; ``bytes`` is 0 where no map was written
+    seconds : from the first ray to the closed file, compilation excluded
+    audit : per source how its rays ended, exclusive; they add up to ``emitted``
+    absorbed_by : objects and media with the rays that they absorbed
+    fluxes : the same, and what each detector registered, as flux with its standard error
+    warnings : one line each
+    interrupted : stopped by Ctrl-C; the map is valid
+    """
+
+    rays: int
+    records: int
+    seconds: float
+    rays_per_second: float
+    bytes: int
+    threads: int
+    seed: int
+    audit: dict[str, dict[str, float]]
+    absorbed_by: dict[str, dict[str, float]]
+    fluxes: dict[str, Any]
+    warnings: list[str] = field(default_factory=list)
+    interrupted: bool = False
+    counts: Counts = field(repr=False)
+
+    @property
+    def detectors(self) -> dict[str, DetectorCount]:
+        """Flux by cell of each detector."""
+        return self.counts.detectors
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values, without the pictures of the detectors."""
+        return {item.name: getattr(self, item.name) for item in fields(self) if item.repr}
