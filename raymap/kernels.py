@@ -16,7 +16,15 @@ import numpy as np
 from raymap.compilecache import keep_compiled
 from raymap.parts import PartCompiler
 
-__all__ = ["inline_kernel", "inner_kernel", "kernel", "lean_kernel", "number", "unsigned"]
+__all__ = [
+    "inline_kernel",
+    "inner_kernel",
+    "kernel",
+    "lean_kernel",
+    "number",
+    "stage_kernel",
+    "unsigned",
+]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -43,6 +51,25 @@ def lean_kernel(function: F) -> F:
     (counts are atomic), and compile slowly.
     """
     return _compiled(function, _nrt=False)
+
+
+def stage_kernel(function: F) -> F:
+    """As `lean_kernel`, to be called by its address only (`raymap.compiling.call_at`).
+
+    Without the code that unpacks Python's arguments, which takes longest to compile where these are
+    tuples of many arrays.
+    """
+    return cast(F, _Stage(_compiled(function, _nrt=False, no_cpython_wrapper=True)))
+
+
+class _Stage:
+    """A compiled function that Python cannot call."""
+
+    def __init__(self, compiled: Any) -> None:
+        self._compiled = compiled
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._compiled, name)
 
 
 def inner_kernel(function: F) -> F:

@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from raymap.compiling import Task, address_of, call_at, compile_ahead, task
-from raymap.kernels import inner_kernel, lean_kernel
+from raymap.kernels import inner_kernel, lean_kernel, stage_kernel
 
 
 @inner_kernel
@@ -35,6 +35,20 @@ def test_a_function_is_called_by_its_address() -> None:
     column = np.arange(5.0)
     _call(address_of(task(_add, column, 0.0)), column, 1.5)
     np.testing.assert_array_equal(column, np.arange(5.0) + 3.0)
+
+
+@stage_kernel
+def _triple(column: NDArray[np.float64], value: float) -> None:
+    for k in range(len(column)):
+        column[k] = 3.0 * value
+
+
+def test_a_stage_is_called_by_its_address_only() -> None:
+    column = np.arange(5.0)
+    _call(address_of(task(_triple, column, 0.0)), column, 1.5)
+    np.testing.assert_array_equal(column, 4.5)
+    with pytest.raises(TypeError, match="not callable"):
+        _triple(column, 1.5)
 
 
 def test_garbage_is_looked_for_again_after_compiling() -> None:

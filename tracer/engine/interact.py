@@ -12,7 +12,14 @@ import math
 import numpy as np
 
 from raymap.events import Event
-from raymap.kernels import inline_kernel, inner_kernel, lean_kernel, number, unsigned
+from raymap.kernels import (
+    inline_kernel,
+    inner_kernel,
+    lean_kernel,
+    number,
+    stage_kernel,
+    unsigned,
+)
 from tracer.engine.buffers import (
     CODE,
     COLORS,
@@ -88,7 +95,7 @@ _OFF = 1e-13
 so that it counts as rounding at all but grazing incidence."""
 
 
-@lean_kernel
+@stage_kernel
 def emit_block(scene: CompiledScene, seed: int, first_ray: int, n: int, b: Buffers) -> None:
     """Start the rays ``first_ray`` to ``first_ray + n`` and write their first records."""
     source_i, source_f, pattern = scene.source_i, scene.source_f, scene.pattern
@@ -166,7 +173,7 @@ def place_block(
     counters[COLORS] = len(scene.source_i)
 
 
-@lean_kernel
+@stage_kernel
 def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int) -> None:
     """Bring every live ray to the end of its segment; keep those that go on.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from raymap.kernels import inner_kernel, lean_kernel
+from raymap.kernels import inner_kernel, stage_kernel
 from tracer.engine.buffers import (
     HIT,
     MESH_BODY,
@@ -26,7 +26,7 @@ from tracer.geometry.mesh_hits import (
 __all__ = ["nearest_on_solids"]
 
 
-@lean_kernel
+@stage_kernel
 def nearest_on_solids(
     mesh: MeshArrays, first_face: I64, scratch: MeshScratch, b: Buffers, n: int
 ) -> None:

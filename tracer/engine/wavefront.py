@@ -53,11 +53,15 @@ _RAYS, _RECORDS, _DESCRIPTORS, _COLORS = range(4)
 
 
 class Stages(NamedTuple):
-    """Where `nearest_hits`, `interact` and, with meshes, `nearest_on_solids` are in memory."""
+    """Where `nearest_hits`, `interact`, `nearest_on_solids` and `emit_block` are in memory.
+
+    0 where there are no meshes, and while only given rays were traced.
+    """
 
     hits: int
     interact: int
     solids: int
+    emit: int
 
 
 class Solids(NamedTuple):
@@ -71,10 +75,17 @@ class Solids(NamedTuple):
 @lean_kernel
 def run_steps(
     stages: Stages, scene: CompiledScene, faces: Faces, meshes: Solids | None, b: Buffers,
-    twins: Twins | None, follow: int,
+    twins: Twins | None, follow: int, seed: int, first_ray: int, n_rays: int,
 ) -> bool:  # fmt: skip
-    """Trace until no ray is alive (True) or a buffer could overflow in the next step (False)."""
+    """Trace until no ray is alive (True) or a buffer could overflow in the next step (False).
+
+    Begins with ``n_rays`` new ones, with 0 goes on with those that are alive.
+    """
     counters = b.counters
+    if n_rays > 0:
+        call_at(stages.emit, (scene, seed, first_ray, n_rays, b))
+        if twins is not None:
+            start_emissions(twins, n_rays, counters)
     meetings = len(scene.detector_i) + 1
     refract = follow == 0 and meshes is None
     while counters[LIVE] > 0:
@@ -153,10 +164,7 @@ class Wavefront:
         assembly.start(n_rays)
         for start in range(0, n_rays, self.block):
             n = min(self.block, n_rays - start)
-            emit_block(self.scene, self.seed, first_ray + start, n, workspace.buffers)
-            if self.splits:
-                start_emissions(self._local.twins, n, workspace.buffers.counters)
-            self._run(workspace, 0)
+            self._run(workspace, 0, first_ray + start, n)
             records += int(counters[RECORDS])
             if self.splits:
                 assembly.store_split(workspace, self._local.twins, n)
@@ -207,11 +215,13 @@ class Wavefront:
         portion = assembly.portion(emitted, self.scene, 0, copy=True)
         return replace(portion, source=np.zeros(len(origins), np.int16))
 
-    def _run(self, workspace: Workspace, follow: int) -> None:
-        stages = self._stages(workspace.buffers)
+    def _run(self, workspace: Workspace, follow: int, first_ray: int = 0, n_rays: int = 0) -> None:
+        stages = self._stages(workspace.buffers, emits=n_rays > 0)
         while not run_steps(
-            stages, self.scene, self.faces, self._solids(), workspace.buffers, self._twins(), follow
-        ):
+            stages, self.scene, self.faces, self._solids(), workspace.buffers, self._twins(),
+            follow, self.seed, first_ray, n_rays,
+        ):  # fmt: skip
+            n_rays = 0
             workspace.make_room(self.scene)
             if self.splits:
                 self._local.twins = widen(workspace, self._local.twins)
@@ -222,11 +232,11 @@ class Wavefront:
         b, filled, few = workspace.buffers, assembly.filled, np.empty(0, np.int32)
         return [
             *self._stage_tasks(b),
-            task(emit_block, self.scene, 0, 0, 0, b),
+            self._emission(b),
             task(store_block, 0, 0, b, assembly.columns, filled, few, few, False),
             task(
-                run_steps, Stages(0, 0, 0), self.scene, self.faces, self._solids(), b,
-                self._twins(), 0,
+                run_steps, Stages(0, 0, 0, 0), self.scene, self.faces, self._solids(), b,
+                self._twins(), 0, 0, 0, 0,
             ),
         ]  # fmt: skip
 
@@ -254,10 +264,16 @@ class Wavefront:
             self._local.solids = Solids(arrays, first_face, mesh_scratch())
         return self._local.solids  # type: ignore[no-any-return]
 
-    def _stages(self, b: Buffers) -> Stages:
+    def _emission(self, b: Buffers) -> Task:
+        return task(emit_block, self.scene, 0, 0, 0, b)
+
+    def _stages(self, b: Buffers, *, emits: bool) -> Stages:
         if not hasattr(self._local, "stages"):
             addresses = [address_of(item) for item in self._stage_tasks(b)]
-            self._local.stages = Stages(*addresses, *[0] * (3 - len(addresses)))
+            self._local.stages = Stages(*addresses, *[0] * (4 - len(addresses)))
+        if emits and not self._local.stages.emit:
+            emission = address_of(self._emission(b))
+            self._local.stages = self._local.stages._replace(emit=emission)
         return self._local.stages  # type: ignore[no-any-return]
 
     def _twins(self) -> Twins | None:
