@@ -76,28 +76,21 @@ def split_positions(position: NDArray[np.float32], planes: NDArray[np.uint8]) ->
     _split_points(points.reshape(-1).view(np.uint32), planes)
 
 
-def split_planes(values: NDArray[Any]) -> NDArray[np.uint8]:
-    """Byte planes of a contiguous array.
+def split_planes(values: NDArray[Any], planes: NDArray[np.uint8]) -> None:
+    """Write the byte planes of a contiguous array, least significant first.
 
     Parameters
     ----------
     values : (n,) of any little-endian type of 1, 2, 4 or 8 bytes
-
-    Returns
-    -------
-    planes : (itemsize, n) uint8, least significant first
+    planes : (itemsize, n) out
     """
     size = values.dtype.itemsize
-    if size == 1:
-        return values.view(np.uint8).reshape(1, -1)
-    planes = np.empty((size, values.size), np.uint8)
     if size == 2:
         _split2(values.view(np.uint16), planes)
     elif size == 4:
         _split4(values.view(np.uint32), planes)
     else:
         planes[:] = values.view(np.uint8).reshape(-1, size).T
-    return planes
 
 
 def join_planes(planes: Sequence[NDArray[np.uint8]], dtype: np.dtype[Any]) -> NDArray[Any]:

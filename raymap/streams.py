@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from raymap.errors import FormatError
 from raymap.layout import StreamEntry
+from raymap.scratch import scratch
 
 __all__ = [
     "CONSTANT",
@@ -138,7 +139,10 @@ class StreamSet:
             self._append(name, kind, codec, plane, scope, width, content.size, stored)
         else:
             for plane, content in enumerate(_split(flat)):
-                self._add_plane(name, kind, plane, scope, width, content)
+                codec, stored = compress_plane(content)
+                # The planes are this thread's scratch
+                kept = content.copy() if stored is content else stored
+                self._append(name, kind, codec, plane, scope, width, content.size, kept)
 
     def add_planes(
         self, name: str, dtype: Any, planes: Iterable[NDArray[np.uint8]], scope: Scope
@@ -146,7 +150,8 @@ class StreamSet:
         """Encode a column of which the byte planes are there already; they stay as they are."""
         kind = kind_of(np.dtype(dtype))
         for plane, content in enumerate(planes):
-            self._add_plane(name, kind, plane, scope, 1, content)
+            codec, stored = compress_plane(content)
+            self._append(name, kind, codec, plane, scope, 1, content.size, stored)
 
     def add_sparse(
         self,
@@ -159,7 +164,8 @@ class StreamSet:
         """Encode a column of zeros but for a few values at increasing places."""
         kind = kind_of(values.dtype)
         if self.raw or len(places) > _FEW:
-            column = np.zeros(rows, values.dtype)
+            column = scratch("sparse", rows, values.dtype)
+            column.fill(0)
             column[places] = values
             self.add(name, column, scope)
             return
@@ -184,12 +190,6 @@ class StreamSet:
         """Carry a stream along as it is stored."""
         self.entries.append(entry)
         self.buffers.append(stored)
-
-    def _add_plane(
-        self, name: str, kind: int, plane: int, scope: Scope, width: int, content: NDArray[np.uint8]
-    ) -> None:
-        codec, stored = compress_plane(content)
-        self._append(name, kind, codec, plane, scope, width, content.size, stored)
 
     def _append(
         self,
@@ -353,12 +353,15 @@ def decode_column(
 
 
 def _split(flat: NDArray[Any]) -> NDArray[np.uint8]:
+    """Byte planes of a column, valid until the next ones are asked for."""
     size = flat.dtype.itemsize
     if flat.size < _SMALL or size == 8:
         return flat.view(np.uint8).reshape(-1, size).T.copy()
     from raymap.planes import split_planes
 
-    return split_planes(flat)
+    planes = scratch("planes", size * flat.size, np.uint8).reshape(size, -1)
+    split_planes(flat, planes)
+    return planes
 
 
 def _join(planes: list[NDArray[np.uint8]], dtype: np.dtype[Any]) -> NDArray[Any]:
