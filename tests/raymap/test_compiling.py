@@ -74,6 +74,8 @@ compiled = []
 event.register("numba:compile", Watch())
 from tracer import record
 record(sys.argv[1], sys.argv[2], rays=2000, threads=2, force=True)
+# Kept code needs nothing of what the compiler imports
+assert bool(compiled) == ("numba.np.arraymath" in sys.modules)
 print(" ".join(compiled))
 """
 
