@@ -168,7 +168,7 @@ class PortionEncoder:
             split_positions(portion.position, planes)
             for axis, name in enumerate("xyz"):
                 own = planes[4 * axis : 4 * axis + 4]
-                streams.add_planes(f"position.{name}", np.float32, own, Scope.RECORD)
+                streams.add_split(f"position.{name}", portion.position[:, axis], own, Scope.RECORD)
             if portion.implied_normals:
                 return _add_unlike_normals(streams, rays, self.shapes)
         if self.raw and not portion.implied_normals:

@@ -1,8 +1,8 @@
 """One column and its compressed streams: byte planes, zstandard, checksums.
 
 A column of elements of k bytes becomes k streams, one per byte plane, or one stream of whole
-elements. A plane whose bytes are all equal is stored as that byte; a plane that a trial shows to be
-incompressible is stored as it is; the rest goes through zstandard.
+elements where these repeat. A plane whose bytes are all equal is stored as that byte; a plane that
+a trial shows to be incompressible is stored as it is; the rest goes through zstandard.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ __all__ = [
     "decode_column",
     "decode_planes",
     "kind_of",
+    "repeats_whole",
     "stream_rows",
 ]
 
@@ -58,6 +59,7 @@ STORED, ZSTD, CONSTANT = 0, 1, 2
 WHOLE = 255
 LEVEL = 1
 _TRIAL = 8192
+_STRETCH = 4096
 _WORTHWHILE = 0.9
 _SMALL = 2**15
 _FEW = 64
@@ -153,6 +155,22 @@ class StreamSet:
             codec, stored = compress_plane(content)
             self._append(name, kind, codec, plane, scope, 1, content.size, stored)
 
+    def add_split(
+        self, name: str, column: NDArray[Any], planes: NDArray[np.uint8], scope: Scope
+    ) -> None:
+        """Encode a column, of which the byte planes are there already, whole or by planes.
+
+        A stretch in the middle is tried: where whole elements repeat, as coordinates do on faces
+        across an axis, they are found once and not in every plane.
+        """
+        if not repeats_whole(column, planes):
+            self.add_planes(name, column.dtype, planes, scope)
+            return
+        content = np.ascontiguousarray(column).view(np.uint8)
+        codec, stored = compress_plane(content)
+        kind = kind_of(column.dtype)
+        self._append(name, kind, codec, WHOLE, scope, 1, content.size, stored)
+
     def add_sparse(
         self,
         name: str,
@@ -228,6 +246,21 @@ def compress_plane(content: NDArray[np.uint8]) -> tuple[int, bytes | NDArray[np.
             return STORED, content
     packed = compressor.compress(content.data)
     return (ZSTD, packed) if len(packed) < n * _WORTHWHILE else (STORED, content)
+
+
+def repeats_whole(column: NDArray[Any], planes: NDArray[np.uint8]) -> bool:
+    """Whether a stretch of whole elements is smaller when compressed than its byte planes."""
+    n = len(column)
+    if n < _SMALL:
+        return False
+    compressor = _compressor()
+    stretch = slice(n // 2, n // 2 + _STRETCH)
+    lowest = len(compressor.compress(planes[0, stretch].data))
+    if lowest > _STRETCH // 2:
+        return False
+    whole = len(compressor.compress(np.ascontiguousarray(column[stretch]).data))
+    apart = lowest + sum(len(compressor.compress(plane[stretch].data)) for plane in planes[1:])
+    return whole < _WORTHWHILE * apart
 
 
 def frame_of_zeros(n: int, places: NDArray[np.int32], values: NDArray[np.uint8]) -> bytes:

@@ -16,7 +16,7 @@ import raymap
 from raymap import dictionary, pathwords
 from raymap.dictionary import find_paths
 from raymap.encoder import PortionEncoder
-from raymap.streams import frame_of_zeros
+from raymap.streams import WHOLE, Scope, StreamSet, decode_column, frame_of_zeros
 from tests.raymap.maps import RGB, portion_at, small_directory
 from tests.strategies import assert_same_portion
 
@@ -203,6 +203,23 @@ def _portion_on_balls(directory, n_rays):
             registered=np.empty(0, np.bool_),
         ),
     )
+
+
+@pytest.mark.parametrize(("steps", "whole"), [(1, True), (3, True), (2**20, False)])
+def test_coordinates_that_repeat_are_stored_whole(steps, whole):
+    """Light goes up and down between faces across an axis, or is met everywhere."""
+    rng = np.random.default_rng(5)
+    column = rng.integers(-steps, steps + 1, 50_000).astype(np.float32) / np.float32(3.3)
+    column[::2] = 1.0
+    if not whole:
+        column = rng.normal(size=50_000).astype(np.float32)
+    planes = np.ascontiguousarray(column.view(np.uint8).reshape(-1, 4).T)
+    streams = StreamSet()
+    streams.add_split("z", column, planes, Scope.RECORD)
+    assert [entry.plane for entry in streams.entries] == ([WHOLE] if whole else [0, 1, 2, 3])
+    stored = dict(zip(map(id, streams.entries), streams.buffers, strict=True))
+    read = decode_column(streams.entries, lambda entry: bytes(stored[id(entry)]), 50_000)
+    np.testing.assert_array_equal(read, column)
 
 
 def test_memory_of_written_portions_is_used_again():
