@@ -19,7 +19,7 @@ from tracer.tally import Tally
 __all__ = ["compile_trace", "order_faces", "rehearse"]
 
 _RAYS = 1024
-_PILOT_RAYS = 2048
+_PILOT_RAYS = 1024
 
 
 def compile_trace(compilation: Compilation, encoder: PortionEncoder | None, threads: int) -> None:
@@ -48,8 +48,8 @@ def order_faces(compilation: Compilation) -> Compilation:
     A few rays are traced to find out, the same for every trace of the scene.
     """
     arrays = compilation.arrays
-    if not len(arrays.face_i):
-        return compilation  # light alone, and detectors that it passes
+    if not compilation.departures.sortable:
+        return compilation
     engine = Wavefront(arrays, 0, meshes=compilation.solids, weighted=True)
     rays = max(64, _PILOT_RAYS // engine.fan)
     portion = engine.trace(0, rays, reuse=True)

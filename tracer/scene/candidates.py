@@ -115,6 +115,11 @@ class Departures:
         everywhere = np.full(3, np.inf)
         self._lists.append(self._list(-everywhere, everywhere, np.zeros(3), -1))
 
+    @property
+    def sortable(self) -> bool:
+        """Whether the order of faces matters: there are few, and not only meshes."""
+        return self._precedence is not None
+
     def candidates(self, met: NDArray[np.int64] | None = None) -> Candidates:
         """Candidate lists of all departures.
 
