@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from raymap.kernels import lean_kernel
 from tracer.geometry.embree import INVALID, intersect
 from tracer.geometry.mesh import TriangleMesh, make_mesh
-from tracer.geometry.mesh_hits import MeshScratch, mesh_scratch, nearest_on_meshes
+from tracer.geometry.mesh_arrays import MeshScratch, mesh_scratch
+from tracer.geometry.mesh_hits import nearest_on_meshes
 from tracer.geometry.mesh_scene import MeshScene, Placement
 
 BUDGET = 0.70

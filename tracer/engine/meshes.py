@@ -16,12 +16,9 @@ from tracer.engine.buffers import (
     T,
 )
 from tracer.geometry.kinds import F64, I64
-from tracer.geometry.mesh_hits import (
-    MeshArrays,
-    MeshScratch,
-    mesh_shading_normal,
-    nearest_on_meshes,
-)
+from tracer.geometry.mesh_arrays import MeshArrays, MeshScratch
+from tracer.geometry.mesh_hits import nearest_on_meshes
+from tracer.geometry.mesh_triangles import mesh_shading_normal
 
 __all__ = ["nearest_on_solids"]
 

@@ -45,7 +45,8 @@ from tracer.engine.buffers import (
 from tracer.engine.evaluate import emitted_towards, scattered_towards
 from tracer.engine.intersect import nearest_hits
 from tracer.geometry.kinds import F64, I64
-from tracer.geometry.mesh_hits import MeshArrays, MeshScratch, mesh_scratch, nearest_on_meshes
+from tracer.geometry.mesh_arrays import MeshArrays, MeshScratch, mesh_scratch
+from tracer.geometry.mesh_hits import nearest_on_meshes
 from tracer.optics.phase import eval_phase
 from tracer.scene.arrays import (
     F_SURFACE,

@@ -37,7 +37,7 @@ from tracer.scene.arrays import R_RAYS, R_SPLITS, CompiledScene, Faces
 from tracer.sources import emitted_counts
 
 if TYPE_CHECKING:
-    from tracer.geometry.mesh_hits import MeshArrays, MeshScratch
+    from tracer.geometry.mesh_arrays import MeshArrays, MeshScratch
     from tracer.scene.meshes import SceneMeshes
 
 __all__ = ["BLOCK", "Wavefront", "run_steps"]
@@ -258,7 +258,7 @@ class Wavefront:
         if self.meshes is None:
             return None
         if not hasattr(self._local, "solids"):
-            from tracer.geometry.mesh_hits import mesh_scratch
+            from tracer.geometry.mesh_arrays import mesh_scratch
 
             arrays, first_face = self.meshes.arrays, self.meshes.first_face
             self._local.solids = Solids(arrays, first_face, mesh_scratch())

@@ -11,15 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from raymap.errors import SceneError
 from tracer.geometry.embree import EmbreeScene
 from tracer.geometry.mesh import TriangleMesh, triangles_around
+from tracer.geometry.mesh_arrays import MeshArrays, mesh_scratch
 from tracer.geometry.mesh_cells import MeshCells, find_cells
-from tracer.geometry.mesh_hits import (
-    CELL_MARGIN,
-    EDGE,
-    FLAT_EDGE,
-    MeshArrays,
-    mesh_scratch,
-    nearest_on_meshes,
-)
+from tracer.geometry.mesh_hits import CELL_MARGIN, EDGE, FLAT_EDGE, nearest_on_meshes
 
 __all__ = ["MeshScene", "Placement", "count_crossing_edges"]
 

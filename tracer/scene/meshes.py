@@ -17,7 +17,7 @@ from tracer.geometry.mesh import TriangleMesh
 from tracer.geometry.shapes import Bounds, Mesh
 
 if TYPE_CHECKING:
-    from tracer.geometry.mesh_hits import MeshArrays
+    from tracer.geometry.mesh_arrays import MeshArrays
     from tracer.geometry.mesh_scene import MeshScene, Placement
 
 __all__ = ["MeshFace", "MeshShelf", "SceneMeshes"]

@@ -7,8 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 from tracer.geometry.mesh import make_mesh
+from tracer.geometry.mesh_arrays import MeshArrays, mesh_scratch
 from tracer.geometry.mesh_cells import find_cells
-from tracer.geometry.mesh_hits import MeshArrays, mesh_scratch, nearest_on_meshes
+from tracer.geometry.mesh_hits import nearest_on_meshes
 from tracer.geometry.mesh_scene import MeshScene, Placement
 
 F64 = NDArray[np.float64]
