@@ -101,3 +101,22 @@ def test_command_refuses_without_touching_anything(tmp_path: Path) -> None:
     assert result.exit_code == 1
     assert isinstance(result.exception, SceneError)
     assert not out.exists()
+
+
+def test_faces_of_a_lens_are_as_wide_as_the_lens_unless_they_say_otherwise() -> None:
+    text = """
+length_unit = "mm"
+[media.glass]
+index = 1.5
+[bodies.L1]
+kind = "lens"
+medium = "glass"
+thickness = 3
+diameter = 10
+front = { radius = 20, semi_diameter = 4 }
+back = { radius = -20 }
+"""
+    lens = parse_scene(text).bodies["L1"]
+    assert (lens.front.semi_diameter, lens.back.semi_diameter) == (4.0, 5.0)
+    with pytest.raises(SceneError, match=r"bodies\.L1\.back: semi_diameter is missing"):
+        parse_scene(text.replace("diameter = 10\n", ""))

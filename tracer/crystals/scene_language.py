@@ -261,7 +261,7 @@ def _pencil(scene: Scene, name: str, source: SourceModel) -> Pencil:
         raise _refused(scene, f"{place}.size", "light for crystals comes from a disc: diameter")
     if source.spectrum != "white":
         raise _refused(scene, f"{place}.spectrum", "crystals take light of equal channels: white")
-    if source.inside is not None or source.share is not None:
+    if source.inside or source.share is not None:
         raise _refused(scene, place, "inside and share have no meaning for crystals")
     if source.flux_unit not in (None, scene.flux_unit):
         raise _refused(scene, f"{place}.flux_unit", f"crystals take {scene.flux_unit} here")

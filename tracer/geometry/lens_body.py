@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from raymap.events import Event
 from tracer.geometry.body import Body, FacePlan
@@ -32,7 +32,7 @@ class LensFace(Node):
     def model_post_init(self, context: Any) -> None:
         if self.cemented is None:
             if self.semi_diameter is None:
-                raise ValueError("semi_diameter is missing")
+                raise ValueError("semi_diameter is missing (or give the lens a diameter)")
             if math.isnan(self.radius) or abs(self.radius) < 1e-12:
                 raise ValueError("radius must not be 0; a flat face has radius = inf")
             if math.isnan(self.sag(self.semi_diameter)):
@@ -84,7 +84,8 @@ class LensBody(Body):
     """A lens: front at the position, back ``thickness`` further along the axis, and a rim.
 
     Where the faces differ in diameter, a flat land (part of the rim) joins the smaller one to the
-    rim's cylinder. ``diameter`` makes the lens wider than its faces. ``hole`` is the diameter of a
+    rim's cylinder. ``diameter`` makes the lens wider than its faces, and is that of faces without a
+    ``semi_diameter``. ``hole`` is the diameter of a
     bore along the axis; its wall is part of the rim.
     """
 
@@ -96,6 +97,19 @@ class LensBody(Body):
     rim: str = "absorber"
     diameter: Positive | None = None
     hole: Positive | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _as_wide_as_the_lens(cls, data: Any) -> Any:
+        """Faces without a semi_diameter of their own reach to the lens's diameter."""
+        if not isinstance(data, dict) or not isinstance(data.get("diameter"), int | float):
+            return data
+        faces = {
+            key: {"semi_diameter": data["diameter"] / 2.0} | data[key]
+            for key in ("front", "back")
+            if isinstance(data.get(key), dict) and "cemented" not in data[key]
+        }
+        return data | faces
 
     @property
     def hole_radius(self) -> float:

@@ -19,6 +19,7 @@ from tracer.engine.wavefront import Wavefront
 
 if TYPE_CHECKING:
     from tracer.scene.compile import Compilation
+    from tracer.scene.source_model import SourceModel
 
 __all__ = ["MisplacedLight", "check_sources"]
 
@@ -52,18 +53,20 @@ def check_sources(compilation: Compilation, *, seed: int = 1) -> None:
     for k, (name, model) in enumerate(compilation.scene.sources.items()):
         mine = portion.source == k
         bad = np.flatnonzero(mine & wrong)
+        place = f"{compilation.scene.origin}: sources.{name}"
         if not len(bad):
+            _warn_of_nests(compilation, portion, k, place)
             continue
         first = _firsts(portion)[bad[0]]
         x, y, z = portion.position[first].tolist()
         solid = compilation.directory.objects[int(portion.object[first + 1])].name
         share = len(bad) / int(mine.sum())
-        place = f"{compilation.scene.origin}: sources.{name}"
         if leaving[bad[0]]:
             what = f"starts inside the solid {solid!r}, for example at ({x:.6g}, {y:.6g}, {z:.6g})"
-            remedy = f"move it out, or say inside = {solid!r}"
+            remedy = f"move it out, or say inside = {_inside(model, solid)}"
         else:
-            what = f"is said to be inside {model.inside!r} but starts outside {solid!r}, for "
+            said = " and ".join(repr(item) for item in model.inside)
+            what = f"is said to be inside {said} but starts outside {solid!r}, for "
             what += f"example at ({x:.6g}, {y:.6g}, {z:.6g})"
             remedy = "move it in, or drop inside"
         if share > 0.5:
@@ -73,6 +76,44 @@ def check_sources(compilation: Compilation, *, seed: int = 1) -> None:
             MisplacedLight,
             stacklevel=3,
         )
+
+
+def _inside(model: SourceModel, solid: str) -> str:
+    """What the scene file should say of a source that stands in one more solid."""
+    names = [f'"{item}"' for item in (solid, *model.inside)]
+    return names[0] if len(names) == 1 else f"[{', '.join(names)}]"
+
+
+def _warn_of_nests(compilation: Compilation, portion: Portion, k: int, place: str) -> None:
+    """Warn where light leaves, later on, a solid that holds the source and that it never entered.
+
+    So does light from a pocket: it leaves the solid in which its source stands, and then the one
+    around that.
+    """
+    firsts = _firsts(portion)
+    ends = firsts + portion.records_per_ray - 1
+    mine = portion.source == k
+    for ray in np.flatnonzero(mine & (portion.event[ends] & _ERROR != 0)):
+        first, end = int(firsts[ray]), int(ends[ray])
+        solid = int(portion.object[end])
+        way = portion.position[end].astype(np.float64) - portion.position[end - 1]
+        if way @ portion.normal[end] <= 0.0 or solid in portion.object[first:end]:
+            continue
+        mesh = compilation.meshes.get(solid)
+        start = portion.position[first]
+        if mesh is None or np.any(start < mesh.vertices.min(axis=0)) or np.any(start > mesh.vertices.max(axis=0)):  # fmt: skip # noqa: E501
+            continue
+        x, y, z = start.tolist()
+        name = compilation.directory.objects[solid].name
+        model = list(compilation.scene.sources.values())[k]
+        warnings.warn(
+            f"{place}: leaves the solid {name!r} without having entered it, as light that starts "
+            f"at ({x:.6g}, {y:.6g}, {z:.6g}), and ends there as a geometry error; if {name!r} "
+            f"holds the source, say inside = {_inside(model, name)}",
+            MisplacedLight,
+            stacklevel=4,
+        )
+        return
 
 
 def _firsts(portion: Portion) -> NDArray[np.int64]:

@@ -107,6 +107,14 @@ SourceLight = Annotated[
     BeforeValidator(_as_spectrum),
 ]
 
+
+def _as_names(value: Any) -> Any:
+    """A bare word is one name."""
+    return (value,) if isinstance(value, str) else value
+
+
+Names = Annotated[tuple[str, ...], Field(max_length=3), BeforeValidator(_as_names)]
+
 _KEYS: dict[str, tuple[str, ...]] = {
     "collimated": ("diameter", "inner_diameter", "size", "direction", "aim", "distance"),
     "lambertian": ("diameter", "inner_diameter", "size", "cone_deg"),
@@ -137,6 +145,8 @@ class SourceModel(Placed):
         evenly from a disc or rectangle
     rays : a list of rays (``file`` or ``light``), drawn by their flux or emitted ``in_order``
 
+    ``inside`` names the solids in which the source stands, from the outside in: at most three.
+
     ``polarisation`` is the direction in which light vibrates as far as it lies across the ray; the
     polarised tracer and crystals heed it, the tracer of natural light does not.
 
@@ -159,7 +169,7 @@ class SourceModel(Placed):
     aim: Vector | None = None
     distance: Positive | None = None
     cone_deg: Annotated[float, Field(gt=0, le=180)] | None = None
-    inside: str | None = None
+    inside: Names = ()
     tilt_deg: Annotated[float, Field(gt=-90, lt=90)] = 0.0
     file: str | None = None
     intensity: IntensityTable | None = None
@@ -169,11 +179,13 @@ class SourceModel(Placed):
     polarisation: Vector | None = None
 
     @model_serializer(mode="wrap")
-    def _without_polarisation(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Natural light leaves no trace in the fingerprint of a scene."""
+    def _as_ever(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """What only few sources have leaves no trace in the fingerprint of a scene."""
         given: dict[str, Any] = handler(self)
         if given.get("polarisation", 0) is None:
             del given["polarisation"]
+        if len(self.inside) < 2 and "inside" in given:
+            given["inside"] = self.inside[0] if self.inside else None
         return given
 
     @field_serializer("light")

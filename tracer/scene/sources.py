@@ -238,17 +238,24 @@ class SourceTable:
         return length_in(light.length_unit, self.scene.length_unit)
 
     def _nest(self, name: str, model: SourceModel) -> tuple[int, int]:
-        """Nest and medium in which the source's light starts."""
-        if model.inside is None:
-            return 0, self.world
-        if model.inside not in self.nests:
-            from tracer.scene.load import _nearest
+        """Nest and medium in which the source's light starts (see `tracer.engine.nests`)."""
+        within: list[str] = []
+        for solid in model.inside:
+            if solid not in self.nests:
+                from tracer.scene.load import _nearest
 
-            raise self.fail(
-                f"{name}.inside",
-                f"there is no solid {model.inside!r}{_nearest(model.inside, self.nests)}",
-            )
-        return self.nests[model.inside]
+                raise self.fail(
+                    f"{name}.inside", f"there is no solid {solid!r}{_nearest(solid, self.nests)}"
+                )
+            if solid in within:
+                raise self.fail(f"{name}.inside", f"names {solid!r} twice; drop one")
+            priority = self.scene.bodies[solid].priority
+            above = sum(self.scene.bodies[other].priority > priority for other in within)
+            within.insert(above, solid)
+        if not within:
+            return 0, self.world
+        nest = sum(self.nests[solid][0] << 16 * k for k, solid in enumerate(within))
+        return nest, self.nests[within[0]][1]
 
     # -- colour and flux -----------------------------------------------------------------------
 

@@ -6,8 +6,11 @@ from pathlib import Path
 
 import pytest
 
+import raymap
+from query import select
 from raymap.errors import SceneError
 from tracer.recording import StoppedLight, record
+from tracer.scene.compile import compile_scene
 from tracer.scene.load import parse_scene
 from tracer.scene.source_check import MisplacedLight
 
@@ -59,3 +62,65 @@ def test_a_source_partly_in_a_solid_is_warned_about(tmp_path: Path) -> None:
 def test_a_source_where_it_belongs_is_not(tmp_path: Path) -> None:
     text = 'length_unit = "mm"\n' + BALL.format(kind="point", z=1, rest='inside = "ball"')
     record(parse_scene(text), tmp_path / "a.raymap", rays=100, threads=1)
+
+
+POCKET = """
+length_unit = "mm"
+[media.glass]
+index = 1.5
+[bodies.block]
+kind = "box"
+size = [20, 20, 20]
+medium = "glass"
+[bodies.pocket]
+kind = "box"
+size = [8, 8, 8]
+medium = "air"
+[bodies.bead]
+kind = "sphere"
+radius = 2
+medium = "glass"
+[sources.lamp]
+kind = "point"
+cone_deg = 2
+"""
+
+
+def test_light_of_a_source_in_a_pocket_goes_through_all_the_solids_around_it(
+    tmp_path: Path,
+) -> None:
+    scene = parse_scene(POCKET + 'inside = ["block", "pocket", "bead"]')
+    result = record(scene, tmp_path / "a.raymap", rays=4_000, threads=1)
+    assert result.audit["lamp"]["errors"] == 0
+    # Three faces near the normal, R = 0.04 each
+    with raymap.open(tmp_path / "a.raymap") as found:
+        straight = select(found, "count(event(reflected)) == 0").matched
+    share = 0.96**3
+    assert straight == pytest.approx(4_000 * share, abs=4 * (4_000 * share * (1 - share)) ** 0.5)
+
+
+def test_a_solid_around_the_pocket_that_is_not_named_is_warned_about(tmp_path: Path) -> None:
+    scene = parse_scene(POCKET + 'inside = ["pocket", "bead"]')
+    said = r"""leaves the solid 'block' .* say inside = \["block", "pocket", "bead"\]"""
+    with pytest.warns(MisplacedLight, match=said), pytest.warns(StoppedLight):
+        record(scene, tmp_path / "a.raymap", rays=100, threads=1)
+
+
+@pytest.mark.parametrize(
+    ("inside", "message"),
+    [
+        ('["pocket", "pocket"]', "names 'pocket' twice"),
+        ('["block", "pockett"]', "there is no solid 'pockett'; did you mean 'pocket'"),
+    ],
+)
+def test_names_of_solids_around_a_source_are_checked(inside: str, message: str) -> None:
+    with pytest.raises(SceneError, match=message):
+        compile_scene(parse_scene(POCKET + f"inside = {inside}"))
+
+
+def test_of_solids_around_a_source_the_one_of_higher_priority_counts() -> None:
+    """Whatever the order in which they are named."""
+    text = POCKET.replace('medium = "air"', 'medium = "air"\npriority = 1')
+    one = compile_scene(parse_scene(text + 'inside = ["block", "pocket"]')).arrays.source_i
+    other = compile_scene(parse_scene(text + 'inside = ["pocket", "block"]')).arrays.source_i
+    assert one.tolist() == other.tolist()
