@@ -67,10 +67,12 @@ def query(
     from query.warm import warm_up
     from raymap.cli import emit_json
 
+    # A table can be made again; a map may be somebody's original
+    replace = force or (output is not None and output.suffix.lower() != ".raymap")
     if output is not None:
         from query.output import check_target
 
-        check_target(output, rows, force=force)
+        check_target(output, rows, force=replace)
     with Opened(map, strict) as ray_map, workers(scheduler) as executor:
         asked = read_criterion(criterion, ray_map, filter_string)
         if explain:
@@ -88,7 +90,7 @@ def query(
             executor=executor,
         )
         if output is not None:
-            selection.write(output, rows)
+            selection.write(output, rows, force=replace)
         if not json:
             from query.terminal import print_selection
 

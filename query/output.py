@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from raymap.errors import MapExists, RayMapError
 from raymap.rayfiles.formats import SUFFIXES as RAY_FILES
+from raymap.replacing import refuse_existing
 
 if TYPE_CHECKING:
     from query.selection import Selection
@@ -17,12 +18,12 @@ SUFFIXES = (".raymap", ".parquet", ".arrow", ".csv")
 _ROWS = ("segments", "rays")
 
 
-def check_target(path: Path, rows: str, *, force: bool = True) -> None:
+def check_target(path: Path, rows: str, *, force: bool) -> None:
     """Refuse what could not be written, before the search begins.
 
     Parameters
     ----------
-    force : replace an existing ray map; an existing table always is
+    force : replace an existing file
 
     Raises
     ------
@@ -39,8 +40,7 @@ def check_target(path: Path, rows: str, *, force: bool = True) -> None:
         raise RayMapError(f"rows are {' or '.join(_ROWS)}, not {rows!r}")
     if not path.parent.is_dir():
         raise RayMapError(f"there is no folder {path.parent} to write {path.name} into")
-    if path.suffix.lower() == ".raymap" and path.exists() and not force:
-        raise MapExists(f"{path} exists: choose another name, or replace it with --force")
+    refuse_existing(path, force=force)
 
 
 def to_arrow(selection: Selection, rows: str = "segments") -> Any:
@@ -64,9 +64,7 @@ def write(selection: Selection, path: Path, rows: str, *, force: bool) -> Path:
     ------
     RayMapError, MapExists
     """
-    check_target(path, rows)
-    if path.exists() and not force:
-        raise MapExists(f"{path} exists: choose another name, or write over it with force=True")
+    check_target(path, rows, force=force)
     source = getattr(selection.map, "path", None)
     if isinstance(source, Path) and path.exists() and source.exists() and path.samefile(source):
         raise MapExists(f"{path} is the map that the selection comes from; choose another name")

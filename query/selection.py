@@ -190,10 +190,19 @@ class Selection:
         table = self.to_arrow(rows)
         return {name: table[name].to_numpy(zero_copy_only=False) for name in table.column_names}
 
-    def write(self, path: str | Path, rows: str = "segments", *, force: bool = True) -> Path:
+    def write(self, path: str | Path, rows: str = "segments", *, force: bool = False) -> Path:
         """Write the rays to ``.raymap``, ``.parquet``, ``.arrow`` or ``.csv``.
 
         The file is written beside the target and renamed.
+
+        Parameters
+        ----------
+        rows : of tables: "segments", one per segment record, or "rays", their records nested
+        force : replace an existing file; never the map that the selection comes from
+
+        Raises
+        ------
+        MapExists, RayMapError
         """
         from query.output import write
 

@@ -13,10 +13,10 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from raymap.errors import DamagedPortion, MapExists, RayMapError
+from raymap.errors import DamagedPortion, RayMapError
 from raymap.portion import Portion
 from raymap.reader import RayMap
-from raymap.replacing import NotWritten, replacing
+from raymap.replacing import NotWritten, refuse_existing, replacing
 from raymap.rows import take_rays
 from raymap.schema import COLOR_SCALE, NORMAL_SCALE, UV_SCALE
 from raymap.selection import places_in
@@ -58,11 +58,13 @@ def export(
     RayMapError
         The name does not say in which form.
     MapExists
-        There is such a file, or files in the folder.
+        There is such a file, or files in the folder, and ``force`` is off.
+    NotWritten
+        The system refuses to write.
     """
     target = Path(path)
-    if target.exists() and not force and not (target.is_dir() and not any(target.iterdir())):
-        raise MapExists(f"{target} exists: choose another name, or replace it with --force")
+    is_free = target.is_dir() and not any(target.iterdir())
+    refuse_existing(target, force=force or is_free)
     chosen = form or _form_of(os.fspath(path))
     schema = schema_of(ray_map, rows)
     if chosen == "folder":
@@ -355,12 +357,12 @@ def _csv(path: Path, schema: pa.Schema, rows: Iterator[pa.RecordBatch]) -> int:
     n = 0
     with pa_csv.CSVWriter(path, flat) as writer:
         for batch in rows:
-            writer.write_batch(_flattened(batch, flat, channels))
+            writer.write_batch(_flattened(batch, flat))
             n += batch.num_rows
     return n
 
 
-def _flattened(batch: pa.RecordBatch, flat: pa.Schema, channels: int) -> pa.RecordBatch:
+def _flattened(batch: pa.RecordBatch, flat: pa.Schema) -> pa.RecordBatch:
     import pyarrow.compute as pc
 
     colors = batch.column("color")

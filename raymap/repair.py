@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from raymap.cells import is_pinhole
 from raymap.encoder import EncodedPortion
-from raymap.errors import FormatError, MapExists
+from raymap.errors import FormatError
 from raymap.kernels import lean_kernel
 from raymap.layout import KNOWN_TAGS
 from raymap.reader import RayMap
-from raymap.replacing import replacing
+from raymap.replacing import refuse_existing, replacing
 from raymap.schema import COLOR_SCALE
 from raymap.stored import StoredPortion
 from raymap.verify import portion_problem
@@ -32,14 +32,18 @@ def repair(ray_map: RayMap, path: str | os.PathLike[str], *, force: bool = False
     ----------
     ray_map : opened with ``on_damage="skip"``; one file, finished or not
     path : of the new map
+    force : replace an existing file
 
     Returns
     -------
     n : portions written; they are copied byte for byte
+
+    Raises
+    ------
+    MapExists, NotWritten
     """
     target = Path(path)
-    if target.exists() and not force:
-        raise MapExists(f"{target} exists: choose another name, or replace it with --force")
+    refuse_existing(target, force=force)
     with (
         replacing(target) as temporary,
         RayMapWriter.create(

@@ -1,4 +1,4 @@
-"""Write a file beside its place and rename it: never half a file, never a lost one."""
+"""Write a file beside its place and rename it: never half a file, never one lost by mistake."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from raymap.errors import RayMapError
+from raymap.errors import MapExists, RayMapError
 
-__all__ = ["NotWritten", "replacing"]
+__all__ = ["NotWritten", "refuse_existing", "replacing"]
 
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 
@@ -23,16 +23,31 @@ class NotWritten(RayMapError):
         self.reason = reason
 
 
+def refuse_existing(target: Path, *, force: bool) -> None:
+    """Refuse to write where a file stands, unless it may be replaced.
+
+    Raises
+    ------
+    MapExists
+        Something stands there and ``force`` is off.
+    """
+    if not force and target.exists():
+        raise MapExists(
+            f"{target} exists: choose another name, or replace it with --force "
+            "(in Python: force=True)"
+        )
+
+
 @contextlib.contextmanager
 def replacing(target: Path) -> Iterator[Path]:
-    """A name beside the target; the file there takes the target's place if all goes well.
+    """A name beside the target; the file written there takes the target's place if all goes well.
 
-    A link stays a link: the file that it leads to is replaced.
+    A symbolic link stays one: the file that it points to is replaced.
 
     Raises
     ------
     NotWritten
-        the system refuses, with its reason
+        The system refuses; the message gives its reason.
     """
     if target.is_dir():
         raise NotWritten(target, "it is a folder; name a file")

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.errors import DamagedPortion, MapExists
+from raymap.errors import DamagedPortion
 from raymap.portion import Descriptors, Portion
 from raymap.reader import RayMap
-from raymap.replacing import replacing
+from raymap.replacing import refuse_existing, replacing
 from raymap.rows import can_join, join_portions, take_rays
 from raymap.schema import PORTION_RAYS, PORTION_RECORDS
 from raymap.stored import StoredPortion
@@ -44,10 +44,13 @@ def copy_selection(
     Returns
     -------
     n : rays written
+
+    Raises
+    ------
+    MapExists, NotWritten
     """
     target = Path(path)
-    if target.exists() and not force:
-        raise MapExists(f"{target} exists: choose another name, or replace it with --force")
+    refuse_existing(target, force=force)
     wanted = np.unique(np.asarray(ray_ids, np.int64))
     with (
         replacing(target) as temporary,

@@ -30,11 +30,11 @@ from raymap.directory import (
     SceneObject,
     Source,
 )
-from raymap.errors import MapExists, RayMapError
+from raymap.errors import RayMapError
 from raymap.events import Event
 from raymap.foreign.zrd import FATAL, Trees, ZrdFile
 from raymap.portion import Descriptors, Portion
-from raymap.replacing import replacing
+from raymap.replacing import refuse_existing, replacing
 from raymap.schema import NORMAL_SCALE
 from raymap.writer import RayMapWriter
 
@@ -79,8 +79,7 @@ def import_zrd(
     RayMapError, MapExists
     """
     target = Path(path)
-    if target.exists() and not force:
-        raise MapExists(f"{target} exists: choose another name, or replace it with --force")
+    refuse_existing(target, force=force)
     file = ZrdFile(Path(source))
     found = _Survey(file)
     directory = found.directory(dict(names or {}), length_unit, flux_unit)
@@ -93,7 +92,7 @@ def import_zrd(
         writer.add_channel_set(channels)
         writer.start_run(parameters={"imported_from": file.name, "zrd_version": file.version})
         for trees in file.pieces():
-            portion = _portion(trees, found, directory, rays)
+            portion = _portion(trees, found, rays)
             writer.append(portion)
             rays += portion.n_rays
             records += portion.n_records
@@ -190,7 +189,7 @@ class _Survey:
         )
 
 
-def _portion(trees: Trees, found: _Survey, directory: Directory, first_ray: int) -> Portion:
+def _portion(trees: Trees, found: _Survey, first_ray: int) -> Portion:
     """The rays of some trees."""
     end, weight, lost = _ends(trees)
     rows, counts = _paths(trees.parent, end)

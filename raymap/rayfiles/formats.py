@@ -8,10 +8,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
-from raymap.errors import MapExists
 from raymap.rayfiles import tm25, zemax
 from raymap.rayfiles.rays import RayFileError, RaySet
-from raymap.replacing import replacing
+from raymap.replacing import refuse_existing, replacing
 
 __all__ = ["SUFFIXES", "RayFileWriter", "create", "read", "write"]
 
@@ -72,8 +71,7 @@ def create(
         raise RayFileError(f"ray files end in {', '.join(SUFFIXES)}, not {path.name!r}")
     if not path.parent.is_dir():
         raise RayFileError(f"there is no folder {path.parent} to write {path.name} into")
-    if path.exists() and not force:
-        raise MapExists(f"{path} exists: choose another name, or replace it with --force")
+    refuse_existing(path, force=force)
     with replacing(path) as beside, beside.open("wb") as file:
         writer: Any
         if suffix == ".tm25ray":

@@ -13,7 +13,7 @@ import query
 import raymap
 from query import select
 from raymap import RayMapError
-from raymap.errors import CriterionError, RayNotFound
+from raymap.errors import CriterionError, MapExists, RayNotFound
 from tests.naive.interpreter import Interpreter
 from tests.naive.rays import rays_of
 from tests.query.by_hand import flux_of, matching
@@ -132,6 +132,27 @@ def test_selections_are_written_and_keep_their_flux(map: Any, tmp_path: Path) ->
     assert "rays" in found._repr_html_()
     assert repr(found).startswith("<Selection")
     assert sum(portion.n_rays for portion in found.portions()) == found.matched
+
+
+@pytest.mark.parametrize("name", ["part.raymap", "part.csv"])
+def test_an_existing_file_is_replaced_only_when_asked_for(
+    map: Any, tmp_path: Path, name: str
+) -> None:
+    target = tmp_path / name
+    target.write_bytes(b"old")
+    found = select(map, "event(reflected)")
+    with pytest.raises(MapExists, match="force=True"):
+        found.write(target)
+    assert target.read_bytes() == b"old"
+    found.write(target, force=True)
+    assert len(target.read_bytes()) > 3
+
+
+def test_a_selection_never_replaces_the_map_that_it_comes_from(map: Any) -> None:
+    before = map.path.read_bytes()
+    with pytest.raises(MapExists, match="comes from"):
+        select(map, "event(reflected)").write(map.path, force=True)
+    assert map.path.read_bytes() == before
 
 
 def test_a_search_can_be_cancelled_and_tells_its_progress(map: Any) -> None:

@@ -6,8 +6,8 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast, get_args
 
-from raymap.errors import MapExists, RayMapError
-from raymap.replacing import replacing
+from raymap.errors import RayMapError
+from raymap.replacing import refuse_existing, replacing
 from viewer.export import to_glb, to_gltf, to_vtp
 from viewer.models.content import Content, Grouping, gather
 from viewer.rendering import write_beside
@@ -67,8 +67,7 @@ def export_3d(
         raise RayMapError(f"rays are grouped by source, path or none, not {group!r}")
     if not target.parent.is_dir():
         raise RayMapError(f"there is no folder {target.parent} to write {target.name} into")
-    if target.exists() and not force:
-        raise MapExists(f"{target} exists: choose another name, or replace it with --force")
+    refuse_existing(target, force=force)
     content = gather(
         map,
         criterion,
