@@ -53,7 +53,7 @@ def _print(file: Path, found: dict[str, Any]) -> None:
     corner = ", ".join(f"{a:.4g}" for a in low)
     typer.echo(f"starts: {sides} {found['length_unit']} from ({corner})")
     if found["mean_direction"]:
-        mean = ", ".join(f"{value:.3f}" for value in found["mean_direction"])
+        mean = ", ".join(f"{value:z.3f}" for value in found["mean_direction"])
         typer.echo(f"mean direction: ({mean})")
     if found["wavelength_nm"]:
         low_nm, high_nm = found["wavelength_nm"]
