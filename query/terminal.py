@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from rich.console import Console
@@ -16,6 +17,9 @@ __all__ = ["print_paths", "print_report", "print_rows", "print_selection"]
 
 _FILE_WIDTH = 140
 """Columns where the output goes to a file or another program, which have no width."""
+
+_LONGEST, _WORTH = 8, 4
+"""Words that repeat as a group at most, and words in all for which brackets are shorter."""
 
 
 def _console() -> Console:
@@ -77,8 +81,31 @@ def print_paths(table: PathTable, top: int | None) -> None:
 
 
 def _shorter(path: str) -> str:
-    """The itinerary without the word that nearly every point of a lens has."""
-    return " ".join(word.removesuffix(":refracted") for word in path.split(" "))
+    """The itinerary without the word that nearly every point of a lens has, repetitions counted.
+
+    Dots in names lose their backslash: objects are split from faces at the last dot anyway.
+    """
+    words = [word.removesuffix(":refracted") for word in re.split(r"(?<!\\) ", path)]
+    return " ".join(_counted(words)).replace(r"\.", ".")
+
+
+def _counted(words: list[str]) -> list[str]:
+    """Words with what repeats in brackets, as a path expression writes it."""
+    short: list[str] = []
+    at = 0
+    while at < len(words):
+        best, period, times = 0, 1, 1
+        for length in range(1, min(_LONGEST, (len(words) - at) // 2) + 1):
+            unit, count = words[at : at + length], 1
+            while words[at + count * length : at + (count + 1) * length] == unit:
+                count += 1
+            saved = length * (count - 1)
+            if saved > best and length * count >= _WORTH:
+                best, period, times = saved, length, count
+        unit = words[at : at + period]
+        short += [f"({' '.join(unit)}){{{times}}}"] if times > 1 else unit
+        at += period * times
+    return short
 
 
 def print_rows(rows: list[dict[str, Any]], title: str) -> None:

@@ -10,6 +10,7 @@ import pytest
 
 import query
 from query import select
+from query.terminal import _shorter
 from raymap import RayMapError
 from raymap.events import FAMILIES, Event
 from tests.naive.rays import Ray, rays_of
@@ -204,3 +205,17 @@ def test_a_map_compared_with_itself_and_with_another(maps: dict[str, Any]) -> No
     )
     z = [abs(path.z) for path in other.paths]
     assert z == sorted(z, reverse=True)
+
+
+@pytest.mark.parametrize(
+    ("path", "shown"),
+    [
+        ("lamp a:tir b:tir a:tir b:tir a:tir b:refracted :left",
+         "lamp (a:tir b:tir){2} a:tir b :left"),
+        ("lamp a:tir a:tir a:tir a:tir @eye", "lamp (a:tir){4} @eye"),
+        ("lamp a:tir a:tir a:tir @eye", "lamp a:tir a:tir a:tir @eye"),
+        (r"big\ lamp pipe\.body.face_1:refracted :left", r"big\ lamp pipe.body.face_1 :left"),
+    ],
+)  # fmt: skip
+def test_what_repeats_in_a_path_is_shown_once(path: str, shown: str) -> None:
+    assert _shorter(path) == shown
