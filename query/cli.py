@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
 from query.cli_options import (
     Criterion,
     Filter,
-    Json,
-    MapPath,
-    Opened,
     Scheduler,
-    Strict,
     Threads,
     progress_line,
     read_criterion,
@@ -22,39 +18,47 @@ from query.cli_options import (
 )
 from query.cli_rayfile import rayfile
 from query.cli_studies import audit, compare, ghosts, illuminated, sweep
+from raymap.cli import Json, MapPath, Panel, Strict, emit_json, opened_map
 
 __all__ = ["register"]
 
 
 def register(app: typer.Typer) -> None:
     """Hang the commands of this package on the application."""
-    app.command("query")(query)
-    app.command("paths")(paths)
-    app.command("report")(report)
-    app.command("image")(image)
-    app.command("rayfile")(rayfile)
-    app.command("audit")(audit)
-    app.command("ghosts")(ghosts)
-    app.command("illuminated")(illuminated)
-    app.command("sweep")(sweep)
-    app.command("compare")(compare)
+    app.command("query", rich_help_panel=Panel.ASK)(query)
+    app.command("paths", rich_help_panel=Panel.ASK)(paths)
+    app.command("report", rich_help_panel=Panel.ASK)(report)
+    app.command("image", rich_help_panel=Panel.PICTURES)(image)
+    app.command("rayfile", rich_help_panel=Panel.FILES)(rayfile)
+    app.command("audit", rich_help_panel=Panel.ASK)(audit)
+    app.command("ghosts", rich_help_panel=Panel.ASK)(ghosts)
+    app.command("illuminated", rich_help_panel=Panel.ASK)(illuminated)
+    app.command("sweep", rich_help_panel=Panel.ASK)(sweep)
+    app.command("compare", rich_help_panel=Panel.ASK)(compare)
 
 
 def query(
     map: MapPath,
     criterion: Criterion = None,
-    count: Annotated[bool, typer.Option("--count", help="Only count.")] = False,
-    limit: Annotated[int | None, typer.Option(min=1, help="Those with smallest numbers.")] = None,
-    explain: Annotated[bool, typer.Option("--explain", help="Plan; rays of each part.")] = False,
+    count: Annotated[bool, typer.Option("--count", help="Print no ray numbers.")] = False,
+    limit: Annotated[
+        int | None, typer.Option(min=1, help="At most this many: those with the smallest numbers.")
+    ] = None,
+    explain: Annotated[
+        bool, typer.Option("--explain", help="Show the plan, and the rays of each part.")
+    ] = False,
     output: Annotated[
         Path | None,
         typer.Option(
             "-o",
             "--output",
-            help="Write .parquet .arrow .csv .raymap; an existing table is replaced.",
+            help="Write the rays: .raymap, .parquet, .arrow, .csv. An existing table is replaced.",
         ),
     ] = None,
-    rows: Annotated[str, typer.Option(help="Rows of the output: segments or rays.")] = "segments",
+    rows: Annotated[
+        Literal["segments", "rays"],
+        typer.Option(help="Rows of the table: one per segment record, or per ray."),
+    ] = "segments",
     force: Annotated[bool, typer.Option("--force", help="Replace an existing map, too.")] = False,
     filter_string: Filter = False,
     threads: Threads = None,
@@ -65,7 +69,6 @@ def query(
     """Find the rays that satisfy a criterion."""
     from query.selector import select
     from query.warm import warm_up
-    from raymap.cli import emit_json
 
     # A table can be made again; a map may be somebody's original
     replace = force or (output is not None and output.suffix.lower() != ".raymap")
@@ -73,7 +76,7 @@ def query(
         from query.output import check_target
 
         check_target(output, rows, force=replace)
-    with Opened(map, strict) as ray_map, workers(scheduler) as executor:
+    with opened_map(map, strict) as ray_map, workers(scheduler) as executor:
         asked = read_criterion(criterion, ray_map, filter_string)
         if explain:
             _explain(ray_map, asked, threads, json)
@@ -108,7 +111,6 @@ def query(
 
 def _explain(ray_map: Any, asked: Any, threads: int | None, json: bool) -> None:
     from query.explanation import explain
-    from raymap.cli import emit_json
 
     explanation = explain(ray_map, asked, threads=threads)
     if json:
@@ -120,15 +122,29 @@ def _explain(ray_map: Any, asked: Any, threads: int | None, json: bool) -> None:
 def paths(
     map: MapPath,
     criterion: Criterion = None,
-    by: Annotated[str, typer.Option(help="object or face.")] = "face",
-    top: Annotated[int | None, typer.Option(min=1, help="This many rows; 20 by default.")] = None,
-    sort: Annotated[str, typer.Option(help="flux, rays or peak.")] = "flux",
-    peak: Annotated[str | None, typer.Option(help="Tell the peak cell on this detector.")] = None,
-    min_rays: Annotated[int, typer.Option(min=1, help="Leave rarer paths to the rest.")] = 1,
-    min_share: Annotated[float, typer.Option(min=0, help="Leave weaker paths to the rest.")] = 0.0,
-    reflections: Annotated[int | None, typer.Option(min=0, help="Exactly this many.")] = None,
-    first: Annotated[str | None, typer.Option(help="First object met.")] = None,
-    last: Annotated[str | None, typer.Option(help="Last object met.")] = None,
+    by: Annotated[
+        Literal["face", "object"], typer.Option(help="Tell faces apart, or objects only.")
+    ] = "face",
+    top: Annotated[int, typer.Option(min=1, help="Rows to show.")] = 20,
+    sort: Annotated[
+        Literal["flux", "rays", "peak"], typer.Option(help="Order of the rows.")
+    ] = "flux",
+    peak: Annotated[
+        str | None, typer.Option(help="Show each path's brightest cell on this detector.")
+    ] = None,
+    min_rays: Annotated[
+        int, typer.Option(min=1, help="Paths of fewer rays go to the remainder.")
+    ] = 1,
+    min_share: Annotated[
+        float, typer.Option(min=0, help="Paths with a smaller share of the flux go there, too.")
+    ] = 0.0,
+    reflections: Annotated[
+        int | None, typer.Option(min=0, help="Only paths with exactly this many reflections.")
+    ] = None,
+    first: Annotated[
+        str | None, typer.Option(help="Only paths that meet this object first.")
+    ] = None,
+    last: Annotated[str | None, typer.Option(help="Only paths that meet this object last.")] = None,
     source: Annotated[str | None, typer.Option(help="Only paths from this source.")] = None,
     filter_string: Filter = False,
     threads: Threads = None,
@@ -136,11 +152,10 @@ def paths(
     json: Json = False,
     strict: Strict = False,
 ) -> None:
-    """Table of the paths of a selection: rays, flux, standard error, share."""
+    """List the paths of a selection: rays, flux, standard error, share."""
     from query.tables import path_table
-    from raymap.cli import emit_json
 
-    with Opened(map, strict) as ray_map, workers(scheduler) as executor:
+    with opened_map(map, strict) as ray_map, workers(scheduler) as executor:
         asked = read_criterion(criterion, ray_map, filter_string)
         table = path_table(
             ray_map,
@@ -160,13 +175,12 @@ def paths(
             min_rays=min_rays,
             min_share=min_share,
         )
-        rows = top if top is not None else 20
         if json:
-            emit_json(table.to_json(rows))
+            emit_json(table.to_json(top))
             return
         from query.terminal import print_paths
 
-        print_paths(table, rows)
+        print_paths(table, top)
 
 
 def report(
@@ -175,11 +189,10 @@ def report(
     json: Json = False,
     strict: Strict = False,
 ) -> None:
-    """Everything that is recorded of one ray, point by point."""
+    """Show everything that is recorded of one ray, point by point."""
     from query.ray_report import report as report_of
-    from raymap.cli import emit_json
 
-    with Opened(map, strict) as ray_map:
+    with opened_map(map, strict) as ray_map:
         ray = report_of(ray_map, ray_id)
         if json:
             emit_json(ray)
@@ -192,39 +205,37 @@ def report(
 def image(
     map: MapPath,
     detector: Annotated[str, typer.Argument(help="Name of the detector.")],
-    criterion: Criterion = None,
     output: Annotated[
-        Path | None,
+        Path,
         typer.Option(
-            "-o", "--output", help=".png .tiff .exr .csv or .npy; an existing file is replaced."
+            "-o", "--output", help=".png, .tiff, .exr, .csv or .npy; an existing file is replaced."
         ),
-    ] = None,
+    ],
+    criterion: Criterion = None,
     kind: Annotated[
         str,
         typer.Option(
-            help="rgb, spectral, flux, flux_se, rays; density, density_se: per area, solid angle "
-            "or étendue, also by name: irradiance, intensity, radiance, and luminous illuminance, "
-            "candela, luminance."
+            help="Colours (rgb, spectral), flux, flux_se or rays of each cell; density, "
+            "density_se: flux per area, solid angle or étendue, also by its name: irradiance, "
+            "intensity, radiance, or luminous: illuminance, candela, luminance."
         ),
     ] = "rgb",
     layer: Annotated[
-        list[str] | None, typer.Option(help="NAME=CRITERION: one more picture, in the same pass.")
+        list[str] | None,
+        typer.Option(help="NAME=CRITERION: one more picture, made in the same pass; repeatable."),
     ] = None,
     bin: Annotated[
-        int, typer.Option("--bin", min=1, help="Join blocks of N x N cells, against speckle.")
+        int, typer.Option("--bin", min=1, help="Join blocks of N x N cells: less speckle.")
     ] = 1,
     filter_string: Filter = False,
     threads: Threads = None,
     json: Json = False,
     strict: Strict = False,
 ) -> None:
-    """The picture that the selected rays made on a detector."""
+    """Write the picture that the selected rays make on a detector."""
     from query.image_files import KINDS, write_image
     from query.images import detector_images
-    from raymap.cli import emit_json
 
-    if output is None:
-        raise typer.BadParameter("give the file to write: -o out.png")
     if kind not in KINDS:
         raise typer.BadParameter(f"--kind is one of {', '.join(KINDS)}")
     targets = {"": output}
@@ -233,7 +244,7 @@ def image(
         if not equals or not name:
             raise typer.BadParameter("--layer is NAME=CRITERION")
         targets[name] = output.with_name(f"{output.stem}-{name}{output.suffix}")
-    with Opened(map, strict) as ray_map:
+    with opened_map(map, strict) as ray_map:
         layers = {"": read_criterion(criterion, ray_map, filter_string)}
         for text in layer or ():
             name, _, asked = text.partition("=")

@@ -1,9 +1,8 @@
-"""What the commands of this package share: options, opening a map, progress."""
+"""What the commands of this package share: options, workers, criteria, progress."""
 
 from __future__ import annotations
 
 from contextlib import AbstractContextManager, nullcontext
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -11,22 +10,19 @@ import typer
 __all__ = [
     "Criterion",
     "Filter",
-    "Json",
-    "MapPath",
-    "Opened",
     "Scheduler",
-    "Strict",
     "Threads",
     "progress_line",
     "read_criterion",
     "workers",
 ]
 
-MapPath = Annotated[Path, typer.Argument(help="A ray map, or a folder of them.")]
-Criterion = Annotated[str | None, typer.Argument(help="Which rays; all without it.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
-Strict = Annotated[bool, typer.Option("--strict", help="Fail at damage instead of skipping it.")]
-Threads = Annotated[int | None, typer.Option(min=1, help="Default: the cores there are.")]
+Criterion = Annotated[
+    str | None, typer.Argument(help="Which rays; all of them if there is no criterion.")
+]
+Threads = Annotated[
+    int | None, typer.Option(min=1, help="Worker threads; by default one per core.")
+]
 Scheduler = Annotated[
     str | None,
     typer.Option(help="Search shards on the workers of the Dask scheduler at this address."),
@@ -34,26 +30,6 @@ Scheduler = Annotated[
 Filter = Annotated[
     bool, typer.Option("--filter-string", help="The criterion is a filter string: H3 & !R4.")
 ]
-
-
-class Opened:
-    """A map for one command: damage is skipped with a warning unless strict."""
-
-    def __init__(self, path: Path, strict: bool) -> None:
-        from raymap.cli import open_map
-
-        self.map = open_map(path, strict)
-        self._known = len(self.map.damage)
-
-    def __enter__(self) -> Any:
-        return self.map
-
-    def __exit__(self, *error: object) -> None:
-        from raymap.cli import warn_of_damage
-
-        # Damage that was met on the way, too, is said on stderr.
-        warn_of_damage(self.map, self._known)
-        self.map.close()
 
 
 def workers(scheduler: str | None) -> AbstractContextManager[Any]:
@@ -66,6 +42,7 @@ def workers(scheduler: str | None) -> AbstractContextManager[Any]:
 
 
 def read_criterion(text: str | None, map: Any, is_filter: bool) -> Any:
+    """The criterion of a command line; a filter string is translated with the map's names."""
     if text is None or not is_filter:
         return text
     from query.filter_strings import translate

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
-from query.cli_options import Criterion, Json, MapPath, Opened, Strict, Threads
+from query.cli_options import Criterion, Threads
+from raymap.cli import Json, MapPath, Strict, emit_json, opened_map
 
 __all__ = ["audit", "compare", "ghosts", "illuminated", "sweep"]
 
@@ -19,12 +20,11 @@ def audit(
     json: Json = False,
     strict: Strict = False,
 ) -> None:
-    """Where the light of each source ended: absorbed, detected, left, stopped, errors."""
+    """Show where the light of each source ended: absorbed, detected, left, stopped, errors."""
     from query.energy import CLASSES
     from query.energy import audit as audit_of
-    from raymap.cli import emit_json
 
-    with Opened(map, strict) as ray_map:
+    with opened_map(map, strict) as ray_map:
         result = audit_of(ray_map, criterion, threads=threads)
         answer = result.to_json()
         if json:
@@ -47,18 +47,19 @@ def audit(
 
 def ghosts(
     map: MapPath,
-    detector: Annotated[str | None, typer.Argument(help="Only ghosts it registers.")] = None,
+    detector: Annotated[
+        str | None, typer.Argument(help="Only ghosts that this one registers.")
+    ] = None,
     criterion: Criterion = None,
-    top: Annotated[int, typer.Option(min=1, help="This many pairs.")] = 20,
+    top: Annotated[int, typer.Option(min=1, help="Pairs to show.")] = 20,
     threads: Threads = None,
     json: Json = False,
     strict: Strict = False,
 ) -> None:
-    """Two-reflection ghosts by the pair of faces that reflect."""
+    """List two-reflection ghosts by the pair of faces that reflect."""
     from query.ghosts import ghost_matrix
-    from raymap.cli import emit_json
 
-    with Opened(map, strict) as ray_map:
+    with opened_map(map, strict) as ray_map:
         matrix = ghost_matrix(ray_map, detector, criterion, threads=threads)
         if json:
             emit_json(matrix.to_json() | {"pairs": matrix.pairs()})
@@ -81,11 +82,10 @@ def illuminated(
     json: Json = False,
     strict: Strict = False,
 ) -> None:
-    """Objects that the sources light, objects that the detector sees, and both."""
+    """List the objects that the sources light, those that a detector sees, and both."""
     from query.illumination import illuminated as light_of
-    from raymap.cli import emit_json
 
-    with Opened(map, strict) as ray_map:
+    with opened_map(map, strict) as ray_map:
         result = light_of(ray_map, detector, criterion, threads=threads)
         if json:
             emit_json(result.to_json())
@@ -104,11 +104,10 @@ def sweep(
     json: Json = False,
     strict: Strict = False,
 ) -> None:
-    """Flux at a detector and point source transmittance, source by source."""
+    """Show flux at a detector and point source transmittance, source by source."""
     from query.sweeps import sweep as sweep_of
-    from raymap.cli import emit_json
 
-    with Opened(map, strict) as ray_map:
+    with opened_map(map, strict) as ray_map:
         rows = [row.to_json() for row in sweep_of(ray_map, detector, criterion, threads=threads)]
         if json:
             emit_json(rows)
@@ -123,17 +122,18 @@ def compare(
     map: MapPath,
     other: Annotated[Path, typer.Argument(help="The map to compare with.")],
     criterion: Criterion = None,
-    by: Annotated[str, typer.Option(help="object or face.")] = "face",
-    top: Annotated[int, typer.Option(min=1, help="This many rows.")] = 20,
+    by: Annotated[
+        Literal["face", "object"], typer.Option(help="Tell faces apart, or objects only.")
+    ] = "face",
+    top: Annotated[int, typer.Option(min=1, help="Rows to show.")] = 20,
     threads: Threads = None,
     json: Json = False,
     strict: Strict = False,
 ) -> None:
-    """Two maps path by path, with the significance of the differences."""
+    """Compare two maps path by path, with the significance of each difference."""
     from query.comparison import compare as compare_maps
-    from raymap.cli import emit_json
 
-    with Opened(map, strict) as first, Opened(other, strict) as second:
+    with opened_map(map, strict) as first, opened_map(other, strict) as second:
         result = compare_maps(first, second, criterion, by=by, threads=threads)
         if json:
             emit_json(result.to_json(top))

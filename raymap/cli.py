@@ -1,18 +1,24 @@
-"""The command ``raymap``: gathers the packages' sub-commands; info and verify."""
+"""The command ``raymap``: gathers the packages' sub-commands; info, verify, repair, export.
+
+Here are also the options that commands of all packages share, and how they open maps.
+"""
 
 from __future__ import annotations
 
 import atexit
 import contextlib
+import enum
 import errno
 import gc
 import json
 import os
 import re
 import sys
+import warnings
+from collections.abc import Iterator
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from typer.core import TyperCommand
@@ -22,8 +28,33 @@ from raymap.errors import CriterionError, RayMapError
 if TYPE_CHECKING:
     from raymap.reader import RayMap
 
-__all__ = ["emit_json", "main", "open_map", "register"]
+__all__ = [
+    "Force",
+    "Json",
+    "MapPath",
+    "Panel",
+    "Strict",
+    "application",
+    "emit_json",
+    "main",
+    "opened_map",
+    "register",
+    "warnings_on_stderr",
+]
 
+
+class Panel(enum.StrEnum):
+    """Parts of the list of commands, in the order in which they are shown."""
+
+    RECORD = "Record"
+    ASK = "Ask a map"
+    PICTURES = "Pictures"
+    FILES = "Files and other programs"
+    STUDIES = "Studies"
+
+
+MapPath = Annotated[Path, typer.Argument(help="A ray map, or a folder of them.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace an existing file.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
 Strict = Annotated[bool, typer.Option("--strict", help="Fail at damage instead of skipping it.")]
 
@@ -43,17 +74,36 @@ def _plain(value: Any) -> Any:
     return str(value)
 
 
-def open_map(path: Path, strict: bool = False) -> RayMap:
-    """Open a map, a folder of maps; damage is skipped with a warning unless ``strict``."""
+@contextlib.contextmanager
+def opened_map(path: Path, strict: bool = False) -> Iterator[RayMap]:
+    """A map, or a folder of maps, for one command.
+
+    Unless ``strict``, damage is skipped; it is reported on stderr, at once where it is found at
+    opening, else at the end.
+    """
     from raymap.opening import open
 
-    ray_map = open(path, on_damage="raise" if strict else "skip")
-    warn_of_damage(ray_map)
-    return ray_map
+    with open(path, on_damage="raise" if strict else "skip") as ray_map:
+        known = len(ray_map.damage)
+        _warn_of_damage(ray_map)
+        try:
+            yield ray_map
+        finally:
+            _warn_of_damage(ray_map, known)
 
 
-def warn_of_damage(ray_map: RayMap, known: int = 0) -> None:
-    """Say on stderr what could not be read, from entry ``known`` of the map's damage on."""
+@contextlib.contextmanager
+def warnings_on_stderr() -> Iterator[None]:
+    """Print each different warning of the block once on stderr, when it ends normally."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        yield
+    for text in dict.fromkeys(str(item.message) for item in caught):
+        typer.echo(f"warning: {text}", err=True)
+
+
+def _warn_of_damage(ray_map: RayMap, known: int = 0) -> None:
+    """Report damage on stderr, from entry ``known`` of the map's list on."""
     for damage in ray_map.damage[known:]:
         what = "bytes" if damage.portion is None else f"portion {damage.portion}, bytes"
         typer.echo(
@@ -65,25 +115,27 @@ def warn_of_damage(ray_map: RayMap, known: int = 0) -> None:
 
 def register(app: typer.Typer) -> None:
     """Hang the commands of this package on the application."""
-    app.command("info")(info)
-    app.command("verify")(verify)
-    app.command("repair")(repair)
     from raymap.foreign.cli import import_
     from raymap.rayfiles.cli import check_rays
 
-    app.command("export")(export)
-    app.command("import")(import_)
-    app.command("check-rays")(check_rays)
+    app.command("import", rich_help_panel=Panel.FILES)(import_)
+    app.command("info", rich_help_panel=Panel.FILES)(info)
+    app.command("verify", rich_help_panel=Panel.FILES)(verify)
+    app.command("repair", rich_help_panel=Panel.FILES)(repair)
+    app.command("export", rich_help_panel=Panel.FILES)(export)
+    app.command("check-rays", rich_help_panel=Panel.FILES)(check_rays)
 
 
 def info(
-    map: Annotated[Path, typer.Argument(help="A ray map, or a folder of them.")],
-    streams: Annotated[bool, typer.Option(help="Say what each stream costs.")] = False,
+    map: MapPath,
+    streams: Annotated[
+        bool, typer.Option("--streams", help="Show what each stream costs.")
+    ] = False,
     json: Json = False,
     strict: Strict = False,
 ) -> None:
-    """Say what a map holds."""
-    with open_map(map, strict) as ray_map:
+    """Show what a map holds."""
+    with opened_map(map, strict) as ray_map:
         summary = ray_map.describe()
         if streams:
             summary["streams"] = stream_costs(ray_map)
@@ -94,10 +146,10 @@ def info(
 
 
 def verify(
-    map: Annotated[Path, typer.Argument(help="A ray map, or a folder of them.")],
+    map: MapPath,
     json: Json = False,
 ) -> None:
-    """Read all of a map, check every byte, and say what is sound; exit 1 on damage only."""
+    """Read a whole map and check every byte; exit 1 if anything is damaged."""
     from raymap.opening import open
     from raymap.verify import verify as check
 
@@ -114,61 +166,53 @@ def verify(
 def repair(
     map: Annotated[Path, typer.Argument(help="A damaged or unfinished ray map.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="The new map.")],
-    force: Annotated[bool, typer.Option(help="Replace an existing file.")] = False,
+    force: Force = False,
 ) -> None:
-    """Write the sound portions of a map as a sound, finished map."""
+    """Write the sound portions of a damaged map as a new, finished map."""
     from raymap.repair import repair as write
     from raymap.shards import ShardedMap
 
-    with open_map(map) as ray_map:
+    with opened_map(map) as ray_map:
         if isinstance(ray_map, ShardedMap):
             raise RayMapError(f"{map} is a folder: repair its maps one by one")
-        known = len(ray_map.damage)
         portions = write(ray_map, output, force=force)
-        warn_of_damage(ray_map, known)
     typer.echo(f"{output}: {portions} sound portions written")
 
 
 def export(
-    map: Annotated[Path, typer.Argument(help="A ray map, or a folder of them.")],
+    map: MapPath,
     output: Annotated[
         str,
         typer.Option(
             "--output",
             "-o",
-            help="*.parquet, *.arrow, *.csv, or a folder, as DIR/. An existing table is replaced.",
+            help="*.parquet, *.arrow, *.csv, or a folder (DIR/); an existing table is replaced.",
         ),
     ],
-    rows: Annotated[str, typer.Option(help="segments (one row per record) or rays.")] = "segments",
+    rows: Annotated[
+        Literal["segments", "rays"], typer.Option(help="One row per segment record, or per ray.")
+    ] = "segments",
     form: Annotated[
-        str | None,
-        typer.Option("--format", help="parquet, arrow, csv or folder, whatever the file's name."),
+        Literal["parquet", "arrow", "csv", "folder"] | None,
+        typer.Option("--format", help="Format of the table, whatever the file's name."),
     ] = None,
-    force: Annotated[bool, typer.Option(hidden=True, help="Replace an existing map, too.")] = False,
+    force: Annotated[
+        bool, typer.Option("--force", hidden=True, help="Replace an existing map, too.")
+    ] = False,
     strict: Strict = False,
 ) -> None:
     """Write a map as a table for DuckDB, Polars, pandas, Spark."""
-    from typing import cast
-
-    if rows not in ("rays", "segments"):
-        raise typer.BadParameter(f"{rows!r} is neither rays nor segments", param_hint="--rows")
-    if form not in (None, "parquet", "arrow", "csv", "folder"):
-        raise typer.BadParameter(
-            f"{form!r} is none of parquet, arrow, csv, folder", param_hint="--format"
-        )
-    from raymap.arrow import Form, Rows
     from raymap.arrow import export as write
 
-    with open_map(map, strict) as ray_map:
-        known = len(ray_map.damage)
+    with opened_map(map, strict) as ray_map:
         n = write(
             ray_map,
             output,
-            rows=cast(Rows, rows),
+            rows=rows,
+            # A table can be made again; a map may be somebody's original
             force=force or Path(output).suffix.lower() != ".raymap",
-            form=cast("Form | None", form),
+            form=form,
         )
-        warn_of_damage(ray_map, known)
     typer.echo(f"{output}: {n} rows written")
 
 
@@ -266,10 +310,17 @@ def application(asked: str = "") -> typer.Typer:
             if error.name not in (point.module, point.module.split(".")[0]):
                 raise
     only = [command for command in app.registered_commands if command.name == asked]
-    app.registered_commands = only or app.registered_commands
+    app.registered_commands = only or sorted(app.registered_commands, key=_place_in_list)
     for command in app.registered_commands:
         command.cls = _Command
     return app
+
+
+def _place_in_list(command: Any) -> int:
+    """Panels in their order; commands of other packages, which may have none, at the end."""
+    panels: list[object] = list(Panel)
+    own = command.rich_help_panel
+    return panels.index(own) if own in panels else len(panels)
 
 
 class _Command(TyperCommand):
@@ -285,7 +336,22 @@ class _Command(TyperCommand):
         super().format_help(ctx, formatter)
 
 
-def _group() -> None:
+def _print_version(asked: bool) -> None:
+    if asked:
+        from raymap import __version__
+
+        typer.echo(f"raymap {__version__}")
+        raise typer.Exit
+
+
+def _group(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Show the version and exit."
+        ),
+    ] = False,
+) -> None:
     """Record every light path of a Monte Carlo trace; ask which of them matter."""
 
 

@@ -7,32 +7,41 @@ from typing import Annotated
 
 import typer
 
+from raymap.cli import Panel, emit_json
+
 __all__ = ["register"]
 
 
 def register(app: typer.Typer) -> None:
     """Hang the command on the application."""
-    app.command("serve")(serve)
+    app.command("serve", rich_help_panel=Panel.FILES)(serve)
 
 
 def serve(
-    folder: Annotated[Path, typer.Argument(help="Whose maps and scenes are served.")] = Path("."),
-    host: Annotated[str, typer.Option(help="Where to listen.")] = "localhost",
-    port: Annotated[int, typer.Option(min=0, max=65535, help="0 takes a free one.")] = 0,
+    folder: Annotated[Path, typer.Argument(help="Folder whose maps and scenes are served.")] = Path(
+        "."
+    ),
+    host: Annotated[str, typer.Option(help="Host name to listen at.")] = "localhost",
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 takes a free one.")] = 0,
     token_file: Annotated[
         Path | None,
-        typer.Option(help="Holds the token; else the variable RAYMAP_TOKEN, else a new one."),
+        typer.Option(help="File with the token; else the variable RAYMAP_TOKEN, else a new one."),
     ] = None,
     tls_certificate: Annotated[Path | None, typer.Option(help="Certificate chain (PEM).")] = None,
     tls_key: Annotated[Path | None, typer.Option(help="Private key (PEM).")] = None,
     without_tls: Annotated[
         bool, typer.Option("--without-tls", help="Serve other machines without TLS.")
     ] = False,
-    threads: Annotated[int | None, typer.Option(min=1, help="Of a search or recording.")] = None,
-    searches: Annotated[int, typer.Option(min=1, help="Searches at a time.")] = 4,
-    search_seconds: Annotated[float, typer.Option(min=0.1, help="The longest search.")] = 120.0,
-    record_seconds: Annotated[float, typer.Option(min=0.1, help="The longest recording.")] = 24
-    * 3600.0,
+    threads: Annotated[
+        int | None, typer.Option(min=1, help="Worker threads of each search or recording.")
+    ] = None,
+    searches: Annotated[int, typer.Option(min=1, help="Most searches at a time.")] = 4,
+    search_seconds: Annotated[
+        float, typer.Option(min=0.1, help="Time limit of a search [s].")
+    ] = 120.0,
+    record_seconds: Annotated[
+        float, typer.Option(min=0.1, help="Time limit of a recording [s].")
+    ] = 24 * 3600.0,
     no_browser: Annotated[
         bool, typer.Option("--no-browser", help="Never open a browser for a client.")
     ] = False,
@@ -41,7 +50,6 @@ def serve(
     ] = False,
 ) -> None:
     """Serve a folder to other programs over Arrow Flight: load, record, ask, look."""
-    from raymap.cli import emit_json
     from raymap.errors import RayMapError
     from service.access import Tls, choose_token
     from service.limits import Limits

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from raymap.cli import Json, Panel, emit_json, warnings_on_stderr
 from raymap.errors import SceneError
 
 if TYPE_CHECKING:
@@ -21,13 +22,12 @@ SceneArgument = Annotated[
 ]
 Simulation = Annotated[
     str | None,
-    typer.Option("--simulation", help="Take what [simulations.NAME] of the scene says."),
+    typer.Option("--simulation", help="Trace the choice [simulations.NAME] of the scene."),
 ]
 Variant = Annotated[
     list[str] | None,
     typer.Option("--variant", help="Lay a [variants.NAME] table over the scene; repeatable."),
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
 
 
 def register(app: typer.Typer) -> None:
@@ -36,8 +36,8 @@ def register(app: typer.Typer) -> None:
     from tracer.scattering import cli as scattering_cli
     from tracer.studies import cli_polarization, crystal_cli
 
-    app.command("record")(record)
-    app.command("check")(check)
+    app.command("record", rich_help_panel=Panel.RECORD)(record)
+    app.command("check", rich_help_panel=Panel.RECORD)(check)
     cli_polarization.register(app)
     crystal_cli.register(app)
     scattering_cli.register(app)
@@ -49,18 +49,21 @@ def record(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="The ray map to write.")
     ] = None,
-    rays: Annotated[int | None, typer.Option(min=1, help="Stop after so many rays.")] = None,
-    seconds: Annotated[float | None, typer.Option(min=0, help="Stop after so long.")] = None,
-    threads: Annotated[int | None, typer.Option(min=1, help="Worker threads.")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Of the random numbers.")] = None,
-    append: Annotated[bool, typer.Option("--append", help="Add rays to the map.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Write over an existing map.")] = False,
+    rays: Annotated[int | None, typer.Option(min=1, help="Stop after this many rays.")] = None,
+    seconds: Annotated[float | None, typer.Option(min=0, help="Stop after this time [s].")] = None,
+    threads: Annotated[
+        int | None, typer.Option(min=1, help="Worker threads; by default one per core.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of the random numbers.")] = None,
+    append: Annotated[bool, typer.Option("--append", help="Continue the map.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing map.")] = False,
     raw: Annotated[bool, typer.Option("--raw", help="Store streams uncompressed.")] = False,
     compact: Annotated[
-        bool, typer.Option("--compact", help="The smallest file; slower to write and to read.")
+        bool,
+        typer.Option("--compact", help="Write the smallest file; slower to write and to read."),
     ] = False,
     no_rays: Annotated[
-        bool, typer.Option("--no-rays", help="Trace for the detectors' results only.")
+        bool, typer.Option("--no-rays", help="Store no rays: detector results only.")
     ] = False,
     scheduler: Annotated[
         str | None,
@@ -73,10 +76,8 @@ def record(
     json: Json = False,
 ) -> None:
     """Trace a scene and record every light path."""
-    import warnings
     from contextlib import nullcontext
 
-    from raymap.cli import emit_json
     from tracer.recording import record as record_scene
 
     if output is None and not no_rays:
@@ -87,12 +88,7 @@ def record(
     if scheduler is not None:
         from raymap.cluster import scheduler_executor
     workers = nullcontext() if scheduler is None else scheduler_executor(scheduler)
-    with (
-        warnings.catch_warnings(record=True) as caught,
-        _Display(quiet=json) as display,
-        workers as executor,
-    ):
-        warnings.simplefilter("always")
+    with warnings_on_stderr(), _Display(quiet=json) as display, workers as executor:
         result = record_scene(
             loaded,
             output if not no_rays else None,
@@ -108,8 +104,6 @@ def record(
             progress=display.show,
             executor=executor,
         )
-    for text in dict.fromkeys(str(item.message) for item in caught):
-        typer.echo(f"warning: {text}", err=True)
     if json:
         emit_json(result.to_json())
     else:
@@ -119,17 +113,11 @@ def record(
 
 
 def _load(path: Path, variants: list[str] | None, simulation: str | None) -> Scene:
-    """Load a scene; what its files were taken with goes to stderr, line by line."""
-    import warnings
-
+    """Load a scene; warnings about its files go to stderr."""
     from tracer.scene.load import load_scene
 
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        loaded = load_scene(path, variants=variants or (), simulation=simulation)
-    for text in dict.fromkeys(str(item.message) for item in caught):
-        typer.echo(f"warning: {text}", err=True)
-    return loaded
+    with warnings_on_stderr():
+        return load_scene(path, variants=variants or (), simulation=simulation)
 
 
 def _design(path: Path) -> dict[str, Any]:
@@ -142,7 +130,7 @@ def _design(path: Path) -> dict[str, Any]:
     if path.suffix.lower() not in SCENE_SUFFIXES:
         return {}
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # they were told when the scene was loaded
+        warnings.simplefilter("ignore")  # they were printed when the scene was loaded
         return {"design": import_lens(path).design()}
 
 
@@ -232,18 +220,12 @@ def check(
     simulation: Simulation = None,
     json: Json = False,
 ) -> None:
-    """Validate a scene without tracing; first-order numbers and a section drawing of a lens."""
-    import warnings
-
-    from raymap.cli import emit_json
+    """Validate a scene without tracing it; of a lens, first-order data and a section drawing."""
     from tracer.studies.lens import examine
 
     loaded = _load(scene, variant, simulation)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings_on_stderr():
         report = examine(loaded)
-    for text in dict.fromkeys(str(item.message) for item in caught):
-        typer.echo(f"warning: {text}", err=True)
     if scene.suffix.lower() != ".toml":
         report |= _design(scene)
     if output is not None:

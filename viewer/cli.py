@@ -7,30 +7,29 @@ from typing import Annotated, Any
 
 import typer
 
-__all__ = ["register"]
+from raymap.cli import Json, MapPath, Panel, Strict, emit_json, opened_map
 
-Map = Annotated[Path, typer.Argument(help="A ray map, or a folder of them.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
-Strict = Annotated[bool, typer.Option("--strict", help="Fail at damage instead of skipping it.")]
-Rays = Annotated[int, typer.Option(min=1, help="Draw at most so many rays.")]
+__all__ = ["register"]
 
 
 def register(app: typer.Typer) -> None:
     """Hang the commands of this package on the application."""
     from viewer.models.cli import export_3d
 
-    app.command("picture")(picture)
-    app.command("export-3d")(export_3d)
-    app.command("view")(view)
+    app.command("picture", rich_help_panel=Panel.PICTURES)(picture)
+    app.command("export-3d", rich_help_panel=Panel.FILES)(export_3d)
+    app.command("view", rich_help_panel=Panel.PICTURES)(view)
 
 
 def picture(
-    map: Map,
-    criterion: Annotated[str | None, typer.Argument(help="Which rays; all if left out.")] = None,
-    out: Annotated[
-        Path, typer.Option("--out", "-o", help="PNG file to write; an existing one is replaced.")
-    ] = ...,  # type: ignore[assignment]
-    rays: Rays = 500,
+    map: MapPath,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="PNG file; an existing one is replaced.")
+    ],
+    criterion: Annotated[
+        str | None, typer.Argument(help="Which rays; all of them if there is no criterion.")
+    ] = None,
+    rays: Annotated[int, typer.Option(min=1, help="Draw at most this many rays.")] = 500,
     color: Annotated[
         str,
         typer.Option(
@@ -47,11 +46,9 @@ def picture(
     after: Annotated[int, typer.Option(help="Draw rays from their n-th reflection on.")] = 0,
     opacity: Annotated[float, typer.Option(min=0, max=1, help="Opacity of rays.")] = 0.5,
     line_width: Annotated[float, typer.Option(min=0.1, help="Width of rays in pixels.")] = 1.0,
-    fade: Annotated[bool, typer.Option(help="Fade rays by their flux.")] = False,
-    hide: Annotated[
-        list[str] | None, typer.Option(help="Leave out an object; may be repeated.")
-    ] = None,
-    names: Annotated[bool, typer.Option(help="Write the names of objects.")] = False,
+    fade: Annotated[bool, typer.Option("--fade", help="Fade rays by their flux.")] = False,
+    hide: Annotated[list[str] | None, typer.Option(help="Leave out an object; repeatable.")] = None,
+    names: Annotated[bool, typer.Option("--names", help="Write the names of objects.")] = False,
     light: Annotated[bool, typer.Option("--light", help="Light background.")] = False,
     session: Annotated[
         Path | None, typer.Option(help="Take everything else from a saved session.")
@@ -62,7 +59,6 @@ def picture(
     """Paint the scene with the rays that satisfy a criterion."""
     from dataclasses import replace
 
-    from raymap.cli import emit_json, open_map, warn_of_damage
     from viewer.rendering import picture as paint
     from viewer.state import Clip, ViewState, load_state
 
@@ -80,31 +76,29 @@ def picture(
             section=parse_section(section),
         )
     text = criterion if criterion is not None else state.criterion
-    with open_map(map, strict) as ray_map:
-        known = len(ray_map.damage)
+    with opened_map(map, strict) as ray_map:
         _check_names(ray_map, state.hidden)
         pixels = paint(
             ray_map,
             text or None,
-            out=out,
+            out=output,
             rays=rays if session is None else state.rays,
             color=color if session is None else None,
             view=view,
             size=(width, height),
             state=state,
         )
-        warn_of_damage(ray_map, known)
         if json:
             emit_json(
                 {
-                    "out": str(out),
+                    "output": str(output),
                     "width": pixels.shape[1],
                     "height": pixels.shape[0],
                     "damaged": len(ray_map.damage),
                 }
             )
             return
-    typer.echo(f"wrote {out} ({pixels.shape[1]} x {pixels.shape[0]} pixels)")
+    typer.echo(f"wrote {output} ({pixels.shape[1]} x {pixels.shape[0]} pixels)")
 
 
 def parse_section(text: str | None) -> Any:
@@ -146,8 +140,8 @@ def _check_names(ray_map: Any, names: tuple[str, ...]) -> None:
 
 
 def view(
-    map: Map,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="0 takes a free one.")] = 0,
+    map: MapPath,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 takes a free one.")] = 0,
     no_browser: Annotated[
         bool, typer.Option("--no-browser", help="Only print the address.")
     ] = False,
@@ -159,12 +153,11 @@ def view(
     """Open the application in the browser: scene, rays, detectors, paths and reports."""
     from dataclasses import replace
 
-    from raymap.cli import open_map
     from viewer.server import serve
     from viewer.state import ViewState, load_state
 
     state = load_state(session) if session is not None else ViewState()
     if criterion is not None:
         state = replace(state, criterion=criterion)
-    with open_map(map) as ray_map:
+    with opened_map(map) as ray_map:
         serve(ray_map, state=state, port=port, browser=not no_browser)

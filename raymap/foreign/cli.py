@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
+
+from raymap.cli import Force, Json, emit_json
+from raymap.errors import RayMapError
 
 __all__ = ["import_"]
 
@@ -17,15 +20,15 @@ def import_(
     names: Annotated[
         Path | None, typer.Option(help='TOML with names by number: 3 = "lens", "3.1" = "front".')
     ] = None,
-    length_unit: Annotated[str, typer.Option(help="Lens unit: mm, cm, m, in.")] = "mm",
-    flux_unit: Annotated[str, typer.Option(help="Unit of intensities: W or lm.")] = "W",
+    length_unit: Annotated[
+        Literal["um", "mm", "cm", "m", "in"], typer.Option(help="Lens unit of the database.")
+    ] = "mm",
+    flux_unit: Annotated[Literal["W", "lm"], typer.Option(help="Unit of its intensities.")] = "W",
     wavelength_nm: Annotated[float, typer.Option(help="Wavelength of the rays [nm].")] = 550.0,
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing map.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")] = False,
+    force: Force = False,
+    json: Json = False,
 ) -> None:
     """Make a ray map of what another program recorded."""
-    from raymap.cli import emit_json
-    from raymap.errors import RayMapError
     from raymap.foreign.zrd_map import import_zrd
 
     if file.suffix.lower() != ".zrd":
@@ -33,8 +36,6 @@ def import_(
             f"{file.name}: only Zemax ray databases (.zrd) are imported; rays of programs with a "
             "Python interface are recorded with raymap.foreign.recorder"
         )
-    if flux_unit not in ("W", "lm") or length_unit not in ("mm", "cm", "m", "um", "in"):
-        raise typer.BadParameter("--flux-unit is W or lm, --length-unit mm, cm, m, um or in")
     written = import_zrd(
         file,
         output,
@@ -55,8 +56,6 @@ def import_(
 
 def _read_names(path: Path | None) -> dict[str, str]:
     """Names by number; a table ``[names]`` or the keys of the file itself."""
-    from raymap.errors import RayMapError
-
     if path is None:
         return {}
     try:

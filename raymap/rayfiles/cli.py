@@ -7,31 +7,31 @@ from typing import Annotated, Any
 
 import typer
 
+from raymap.cli import Force, Json, emit_json, warnings_on_stderr
+
 __all__ = ["check_rays"]
 
 
 def check_rays(
-    file: Annotated[Path, typer.Argument(help="A ray file: .tm25ray, .dat, .sdf")],
+    file: Annotated[Path, typer.Argument(help="A ray file: .tm25ray, .dat or .sdf.")],
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Write the rays as .tm25ray, .dat, .sdf")
+        Path | None,
+        typer.Option("-o", "--output", help="Write the rays as .tm25ray, .dat or .sdf."),
     ] = None,
     zemax_version: Annotated[
-        int, typer.Option(min=1, max=2, help="Header of .dat and .sdf; 1 for old programs.")
+        int,
+        typer.Option(
+            min=1, max=2, help="Version of the header of .dat and .sdf; 1 for old programs."
+        ),
     ] = 2,
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")] = False,
+    force: Force = False,
+    json: Json = False,
 ) -> None:
-    """Check a ray file and say what it holds; with -o write its rays in another format."""
-    import warnings
-
+    """Check a ray file and show what it holds; with -o, write its rays in another format."""
     from raymap import rayfiles
-    from raymap.cli import emit_json
 
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings_on_stderr():
         rays = rayfiles.read(file)
-    for item in caught:
-        typer.echo(f"warning: {item.message}", err=True)
     if output is not None:
         version: Any = zemax_version
         rayfiles.write(rays, output, force=force, zemax_version=version)

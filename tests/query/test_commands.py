@@ -75,7 +75,7 @@ def test_paths(run: Any, path: Path) -> None:
     for options in (["--by", "object"], ["--sort", "rays"], ["--sort", "peak", "--peak", "eye"]):
         out, _ = run("paths", path, *options)
         assert "remainder" in out
-    run("paths", path, "--by", "nonsense", code=1)
+    run("paths", path, "--by", "nonsense", code=2)
 
 
 def test_report_and_image(run: Any, path: Path, tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import time
+from importlib import metadata
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,7 @@ import typer
 from typer.testing import CliRunner
 
 import raymap
-from raymap.cli import application, register
+from raymap.cli import Panel, application, register
 from tests.raymap.maps import write_small
 
 _ROOT = Path(__file__).resolve().parents[2]
@@ -184,6 +185,19 @@ def test_a_command_is_the_same_without_the_others():
         assert (alone.exit_code, alone.output) == (among.exit_code, among.output)
     for asked in ("--help", "nonsense", ""):
         assert [command.name for command in application(asked).registered_commands] == names
+
+
+def test_the_list_of_commands_has_parts_in_their_order():
+    commands = application().registered_commands
+    panels = [list(Panel).index(command.rich_help_panel) for command in commands]
+    assert panels == sorted(panels)
+    assert set(panels) == set(range(len(Panel)))
+
+
+def test_the_version_is_that_of_the_package():
+    done = CliRunner().invoke(application(), ["--version"])
+    assert (done.exit_code, done.stdout) == (0, f"raymap {raymap.__version__}\n")
+    assert metadata.version("raymap") == raymap.__version__
 
 
 def test_public_names():

@@ -7,12 +7,14 @@ from typing import Annotated, Any
 
 import typer
 
+from raymap.cli import Json, Panel, emit_json, warnings_on_stderr
+
 __all__ = ["register"]
 
 
 def register(app: typer.Typer) -> None:
     """Hang the command on the application."""
-    app.command("faces")(faces)
+    app.command("faces", rich_help_panel=Panel.RECORD)(faces)
 
 
 def faces(
@@ -22,19 +24,13 @@ def faces(
             help="STEP, STL, OBJ, PLY, glTF, .zmx, .seq or a scene (TOML).", show_default=False
         ),
     ],
-    json: Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")] = False,
+    json: Json = False,
 ) -> None:
     """List the bodies and faces of a file, with kind and area, so that they can be named."""
-    import warnings
-
-    from raymap.cli import emit_json
     from tracer.importers.face_list import list_faces
 
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings_on_stderr():
         listed = list_faces(file)
-    for text in dict.fromkeys(str(item.message) for item in caught):
-        typer.echo(f"warning: {text}", err=True)
     if json:
         emit_json(listed)
     else:

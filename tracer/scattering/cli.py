@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from raymap.cli import Json, Panel, emit_json
+
 if TYPE_CHECKING:
     from tracer.scattering.fit_material import MaterialFit
     from tracer.scattering.medium import ScatteringMedium
 
 __all__ = ["register"]
 
-Json = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
-
 
 def register(app: typer.Typer) -> None:
     """Hang the commands on the application."""
-    app.command("fit-scattering")(fit_scattering)
-    app.command("goniophotometer")(goniophotometer)
+    app.command("fit-scattering", rich_help_panel=Panel.STUDIES)(fit_scattering)
+    app.command("goniophotometer", rich_help_panel=Panel.STUDIES)(goniophotometer)
 
 
 def fit_scattering(
@@ -33,19 +33,22 @@ def fit_scattering(
         ),
     ] = None,
     gamma: Annotated[
-        float | None, typer.Option(help="Hold the exponent instead of searching it.")
+        float | None, typer.Option(help="Hold the exponent of the phase function at this value.")
     ] = None,
     monte_carlo: Annotated[
         float | None,
         typer.Option(help="Also fit this wavelength [nm] by Monte Carlo, as published."),
     ] = None,
-    rays: Annotated[int, typer.Option(min=100, help="Per plate and angle (Monte Carlo).")] = 10_000,
-    evaluations: Annotated[int, typer.Option(min=10, help="Of the objective.")] = 40,
-    seed: Annotated[int, typer.Option(min=0, help="Of the random numbers.")] = 1,
+    rays: Annotated[
+        int, typer.Option(min=100, help="Rays per plate and angle, for --monte-carlo.")
+    ] = 10_000,
+    evaluations: Annotated[
+        int, typer.Option(min=10, help="Evaluations of the objective, for --monte-carlo.")
+    ] = 40,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")] = 1,
     json: Json = False,
 ) -> None:
     """Find mean free path, absorption and phase function from measured plates."""
-    from raymap.cli import emit_json
     from tracer.scattering.datafile import load_measurement
     from tracer.scattering.fit_material import fit_material, wavelength_problem
     from tracer.scattering.identifiability import sensitivity
@@ -176,7 +179,7 @@ def goniophotometer(
     material: Annotated[
         Path, typer.Argument(help="A file with [media.NAME] tables.", show_default=False)
     ],
-    thickness: Annotated[float, typer.Option(help="Of the plate [mm].")],
+    thickness: Annotated[float, typer.Option(help="Thickness of the plate [mm].")],
     medium: Annotated[
         str | None, typer.Option(help="Name of the medium; the first scattering one otherwise.")
     ] = None,
@@ -186,10 +189,14 @@ def goniophotometer(
     wavelength: Annotated[
         list[float] | None, typer.Option(help="Wavelength [nm]; repeatable.")
     ] = None,
-    rays: Annotated[int, typer.Option(min=40, help="Per angle and wavelength.")] = 200_000,
-    seed: Annotated[int, typer.Option(min=0, help="Of the random numbers.")] = 1,
-    rms_slope: Annotated[float, typer.Option(min=0, help="Roughness of both faces.")] = 0.0,
-    weighted: Annotated[bool, typer.Option("--weighted", help="Weighted estimator.")] = False,
+    rays: Annotated[int, typer.Option(min=40, help="Rays per angle and wavelength.")] = 200_000,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")] = 1,
+    rms_slope: Annotated[
+        float, typer.Option(min=0, help="Root mean square slope of both faces.")
+    ] = 0.0,
+    weighted: Annotated[
+        bool, typer.Option("--weighted", help="Use the weighted estimator.")
+    ] = False,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -199,7 +206,6 @@ def goniophotometer(
     json: Json = False,
 ) -> None:
     """Light a plate of a scattering medium and measure BRDF, BTDF, R and T."""
-    from raymap.cli import emit_json
     from tracer.scattering.goniophotometer import measure_plate
     from tracer.scattering.medium_file import load_media
     from tracer.scattering.tilt import gaussian_tilt

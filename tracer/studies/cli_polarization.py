@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from raymap.cli import Json, Panel, emit_json
+
 if TYPE_CHECKING:
     from tracer.lens import Lens
 
@@ -18,7 +20,7 @@ Radii = Annotated[
     tuple[float, float],
     typer.Option(help="Radii of curvature, front and back [mm]; 0 is a plane."),
 ]
-Thickness = Annotated[float, typer.Option(help="Between the vertices [mm].")]
+Thickness = Annotated[float, typer.Option(help="Thickness between the vertices [mm].")]
 Apertures = Annotated[
     tuple[float, float], typer.Option(help="Semi-apertures, front and back [mm].")
 ]
@@ -32,7 +34,6 @@ Plot = Annotated[
 Picture = Annotated[
     Path, typer.Option("-o", "--output", help="Picture to write; an existing one is replaced.")
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
 
 LINE_D = 587.5618
 
@@ -41,12 +42,12 @@ def register(app: typer.Typer) -> None:
     """Hang the commands on the application."""
     from tracer.studies.cli_polarized_light import microscope, record_polarized
 
-    app.command("lens-levels")(lens_levels)
-    app.command("lens-cone")(lens_cone)
-    app.command("lens-vignetting")(lens_vignetting)
-    app.command("lens-picture")(lens_picture)
-    app.command("microscope")(microscope)
-    app.command("record-polarized")(record_polarized)
+    app.command("lens-levels", rich_help_panel=Panel.STUDIES)(lens_levels)
+    app.command("lens-cone", rich_help_panel=Panel.STUDIES)(lens_cone)
+    app.command("lens-vignetting", rich_help_panel=Panel.STUDIES)(lens_vignetting)
+    app.command("lens-picture", rich_help_panel=Panel.STUDIES)(lens_picture)
+    app.command("microscope", rich_help_panel=Panel.STUDIES)(microscope)
+    app.command("record-polarized", rich_help_panel=Panel.RECORD)(record_polarized)
 
 
 def _lens(
@@ -81,10 +82,9 @@ def lens_levels(
     output: Plot = None,
     json: Json = False,
 ) -> None:
-    """Share of a parallel beam that leaves a lens at each level of its tree."""
+    """Show the share of a parallel beam that leaves a lens at each level of its tree."""
     import numpy as np
 
-    from raymap.cli import emit_json
     from tracer.studies.lens_beams import parallel_beam
     from tracer.studies.levels import level_shares, shares_by_height
 
@@ -132,10 +132,9 @@ def lens_cone(
     output: Plot = None,
     json: Json = False,
 ) -> None:
-    """Cone K of directions whose whole tree never meets the rim of a lens."""
+    """Find the cone K of directions whose whole tree never meets the rim of a lens."""
     import numpy as np
 
-    from raymap.cli import emit_json
     from tracer.studies.cone import axial_cone, masked_cone
 
     lens = _lens(radii, thickness, semi_apertures, glass)
@@ -192,10 +191,9 @@ def lens_vignetting(
     output: Plot = None,
     json: Json = False,
 ) -> None:
-    """What a lens loses of parallel beams on its rim, by field angle."""
+    """Show what a lens loses of parallel beams on its rim, by field angle."""
     import numpy as np
 
-    from raymap.cli import emit_json
     from tracer.lens.errors import LensError
     from tracer.studies.vignetting import vignetting
 
@@ -247,10 +245,10 @@ def lens_picture(
     analyser: Annotated[
         float | None, typer.Option(help="Analyser before the camera, angle from x [deg].")
     ] = None,
-    pixels: Annotated[int, typer.Option(help="Along a side.")] = 200,
+    pixels: Annotated[int, typer.Option(help="Pixels along each side.")] = 200,
     depth: Depth = 4,
 ) -> None:
-    """Picture of a board of squares seen through a lens."""
+    """Paint a board of squares seen through a lens."""
     from raymap.colorimetry import encode_srgb
     from tracer.figures import save_picture
     from tracer.studies.lens_pictures import LensCamera
@@ -262,3 +260,4 @@ def lens_picture(
         lens, camera=camera, color=color, rules=rules, analyser_deg=analyser, depth=depth
     )
     save_picture(encode_srgb(picture), output)
+    typer.echo(f"wrote {output}")

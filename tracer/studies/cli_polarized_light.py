@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from raymap.cli import Json, emit_json
+
 if TYPE_CHECKING:
     from tracer.studies.specimens import CrystalPlate
 
@@ -16,7 +18,6 @@ __all__ = ["microscope", "record_polarized"]
 Picture = Annotated[
     Path, typer.Option("-o", "--output", help="Picture to write; an existing one is replaced.")
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
 
 
 def microscope(
@@ -30,8 +31,8 @@ def microscope(
     ] = 0.0,
     stage: Annotated[float, typer.Option(help="Turn of the stage [deg].")] = 0.0,
     aperture: Annotated[float, typer.Option(help="Numerical aperture.")] = 0.65,
-    polariser: Annotated[float, typer.Option(help="Angle from x [deg].")] = 0.0,
-    analyser: Annotated[float, typer.Option(help="Angle from x [deg].")] = 90.0,
+    polariser: Annotated[float, typer.Option(help="Azimuth of the polariser [deg].")] = 0.0,
+    analyser: Annotated[float, typer.Option(help="Azimuth of the analyser [deg].")] = 90.0,
     wavelength: Annotated[
         float | None, typer.Option(help="Monochromatic light [nm]; white light if not given.")
     ] = None,
@@ -39,13 +40,13 @@ def microscope(
         float, typer.Option(help="Path difference of a compensator at 45 degrees [nm].")
     ] = 0.0,
     real_lenses: Annotated[
-        bool, typer.Option(help="Send rays through a real condenser and objective.")
+        bool,
+        typer.Option("--real-lenses", help="Send rays through a real condenser and objective."),
     ] = False,
-    pixels: Annotated[int, typer.Option(help="Along a side.")] = 301,
+    pixels: Annotated[int, typer.Option(help="Pixels along each side.")] = 301,
     json: Json = False,
 ) -> None:
-    """Conoscopic figure of a crystal plate under the polarising microscope."""
-    from raymap.cli import emit_json
+    """Paint the conoscopic figure of a crystal plate under the polarising microscope."""
     from tracer.figures import save_picture
     from tracer.optics.polarization_elements import Retarder
     from tracer.studies.interference_colors import srgb_of
@@ -69,16 +70,20 @@ def microscope(
         save_picture(srgb_of(figure.xyz)[::-1], output)
     if json:
         emit_json({"output": str(output), "brightest": brightest, "aperture": aperture})
+        return
+    typer.echo(f"wrote {output}")
 
 
 def record_polarized(
     scene: Annotated[Path, typer.Argument(help="A scene file (TOML).", show_default=False)],
     output: Annotated[Path, typer.Option("-o", "--output", help="The ray map to write.")],
     rays: Annotated[int, typer.Option(min=1, help="Rays to trace.")] = 100_000,
-    seed: Annotated[int, typer.Option(min=0, help="Of the random numbers.")] = 1,
-    threads: Annotated[int | None, typer.Option(min=1, help="Worker threads.")] = None,
-    append: Annotated[bool, typer.Option("--append", help="Add rays to the map.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Write over an existing map.")] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")] = 1,
+    threads: Annotated[
+        int | None, typer.Option(min=1, help="Worker threads; by default one per core.")
+    ] = None,
+    append: Annotated[bool, typer.Option("--append", help="Continue the map.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing map.")] = False,
     states: Annotated[
         Literal["linear", "natural"],
         typer.Option(help="Draw a linear state for every ray, or carry natural light along."),
@@ -91,7 +96,9 @@ def record_polarized(
         list[str] | None,
         typer.Option(help="SOURCE=X,Y,Z: vibration of a polarised source; repeatable."),
     ] = None,
-    phases: Annotated[bool, typer.Option(help="Store phases, and exact optical paths.")] = False,
+    phases: Annotated[
+        bool, typer.Option("--phases", help="Store phases, and exact optical paths.")
+    ] = False,
     lens_trees: Annotated[
         int | None,
         typer.Option(min=1, help="Lenses as primitives: depth of their trees, all branches kept."),
@@ -101,7 +108,6 @@ def record_polarized(
     """Trace a scene with polarised light and record every path."""
     from dataclasses import asdict, fields
 
-    from raymap.cli import emit_json
     from tracer.lens.record import record_lens_trees
     from tracer.polarized_record import Polarization
     from tracer.polarized_record import record_polarized as record

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from raymap.cli import emit_json
+from raymap.cli import Json, Panel, emit_json
 from raymap.errors import RayMapError
 
 __all__ = ["register"]
@@ -20,8 +20,8 @@ class VerificationFailed(RayMapError):
 
 def register(app: typer.Typer) -> None:
     """Add the commands."""
-    app.command("verify-crystals")(verify_crystals)
-    app.command("render")(render)
+    app.command("verify-crystals", rich_help_panel=Panel.STUDIES)(verify_crystals)
+    app.command("render", rich_help_panel=Panel.STUDIES)(render)
 
 
 def verify_crystals(
@@ -33,15 +33,18 @@ def verify_crystals(
         typer.Option("--pictures", "-o", help="Folder for the pictures; its own are replaced."),
     ] = None,
     scenes: Annotated[
-        Path | None, typer.Option(help="Folder of configuration files that replace the supplied.")
+        Path | None,
+        typer.Option(help="Folder of configuration files that replace the supplied ones."),
     ] = None,
     only: Annotated[
         list[str] | None,
-        typer.Option(help="Run only this part: 'numeric' or the name of a scene; may be repeated."),
+        typer.Option(help="Run only this part: 'numeric' or the name of a scene; repeatable."),
     ] = None,
     width: Annotated[int, typer.Option(help="Width of the picture of the calcite box.")] = 120,
-    threads: Annotated[int | None, typer.Option(help="Threads for rendering.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")] = False,
+    threads: Annotated[
+        int | None, typer.Option(help="Worker threads; by default one per core.")
+    ] = None,
+    json: Json = False,
 ) -> None:
     """Verify light in crystals: Snell, Brewster, double refraction, figures, furnace."""
     from tracer.studies.crystal_verification import SCENES, find_model, verify_crystals
@@ -64,11 +67,11 @@ def verify_crystals(
     ):
         failed += not check.passed
         results.append(plain(check))
-        if not as_json:
+        if not json:
             verdict = "pass" if check.passed else "FAIL"
             line = f"{verdict}  {check.name:36s} {check.deviation:9.2e} <= {check.limit:7.1e}"
             typer.echo(f"{line}  {check.statement}")
-    if as_json:
+    if json:
         for result in results:
             if not math.isfinite(result["deviation"]):
                 result["deviation"] = None
@@ -85,15 +88,19 @@ def render(
         Path,
         typer.Option("--output", "-o", help="Picture, .png or .exr; an existing one is replaced."),
     ],
-    threads: Annotated[int | None, typer.Option(help="Threads; default all cores.")] = None,
-    width: Annotated[int | None, typer.Option(help="Another width of the picture.")] = None,
+    threads: Annotated[
+        int | None, typer.Option(help="Worker threads; by default one per core.")
+    ] = None,
+    width: Annotated[
+        int | None, typer.Option(help="Width in pixels, instead of the scene's.")
+    ] = None,
     analyser: Annotated[
         float | None, typer.Option(help="Analyser before the camera, degrees from horizontal.")
     ] = None,
     force: Annotated[
         bool, typer.Option("--force", hidden=True, help="Pictures are replaced anyway.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")] = False,
+    json: Json = False,
 ) -> None:
     """Render crystals in a room of glowing walls; an interrupted picture goes on when run again."""
     from dataclasses import replace
@@ -116,7 +123,7 @@ def render(
         camera = replace(description.camera, analyser_deg=analyser)
         description = replace(description, camera=camera)
     state = output.with_name(output.name + ".state.npz")
-    with Progress(disable=as_json, transient=True) as bar:
+    with Progress(disable=json, transient=True) as bar:
         task = bar.add_task(description.name, total=None)
         picture = render_scene(
             description,
@@ -135,7 +142,7 @@ def render(
         "pruning_steps": float(picture.error_steps.max()),
         "truncated": float(picture.truncated.max()),
     }
-    if as_json:
+    if json:
         emit_json(summary)
     else:
         typer.echo(

@@ -3,45 +3,45 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
+
+from raymap.cli import Force, Json, MapPath, Strict, emit_json, opened_map
 
 __all__ = ["export_3d"]
 
 
 def export_3d(
-    map: Annotated[Path, typer.Argument(help="A ray map, or a folder of them.")],
-    criterion: Annotated[str | None, typer.Argument(help="Which rays; all if left out.")] = None,
+    map: MapPath,
     output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help=".glb, .gltf, .vtp, .dxf or .step"),
+        Path, typer.Option("--output", "-o", help=".glb, .gltf, .vtp, .dxf or .step file.")
+    ],
+    criterion: Annotated[
+        str | None, typer.Argument(help="Which rays; all of them if there is no criterion.")
     ] = None,
-    rays: Annotated[int, typer.Option(min=1, help="Write at most so many rays.")] = 500,
+    rays: Annotated[int, typer.Option(min=1, help="Write at most this many rays.")] = 500,
     color: Annotated[
-        str, typer.Option(help="path, natural, source, reflections, ending, flux, wavelength …")
+        str,
+        typer.Option(
+            help="natural, path, source, reflections, ending, flux, wavelength or optical_length."
+        ),
     ] = "path",
     group: Annotated[
-        str, typer.Option(help="Layers or parts of rays: by source, by path, or none.")
+        Literal["source", "path", "none"], typer.Option(help="What makes a layer or part of rays.")
     ] = "source",
     tail: Annotated[
         float | None, typer.Option(min=0, help="Cut rays that leave the scene to this length.")
     ] = None,
     scene: Annotated[bool, typer.Option(help="Write the bodies and detectors, too.")] = True,
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")] = False,
-    strict: Annotated[
-        bool, typer.Option("--strict", help="Fail at damage instead of skipping it.")
-    ] = False,
+    force: Force = False,
+    json: Json = False,
+    strict: Strict = False,
 ) -> None:
     """Write rays and scene for CAD and 3D programs: glTF, VTK, DXF, STEP."""
-    from raymap.cli import emit_json, open_map, warn_of_damage
     from viewer.models.files import export_3d as write
 
-    if output is None:
-        raise typer.BadParameter("give the file to write: -o rays.glb")
-    with open_map(map, strict) as ray_map:
-        known = len(ray_map.damage)
+    with opened_map(map, strict) as ray_map:
         written = write(
             ray_map,
             output,
@@ -53,7 +53,6 @@ def export_3d(
             scene=scene,
             force=force,
         )
-        warn_of_damage(ray_map, known)
     if json:
         emit_json({"output": str(output)} | written)
         return
