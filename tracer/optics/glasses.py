@@ -71,6 +71,15 @@ class Glass:
         )
 
 
+_MEANT = {
+    "pc": "polycarbonate", "polycarb": "polycarbonate", "lexan": "polycarbonate",
+    "ps": "polystyrene", "acrylic": "pmma", "plexiglas": "pmma", "plexiglass": "pmma",
+    "bk7": "n-bk7", "silica": "fused silica", "quartz glass": "fused silica",
+    "sapphire": "sapphire o", "calcite": "calcite o", "quartz": "quartz o",
+}  # fmt: skip
+"""What people call materials that the tables have under another name."""
+
+
 def find_glass(name: str, maker: str | None = None) -> Glass:
     """The material of a name, written as in the catalogues; case and spaces do not matter.
 
@@ -101,6 +110,8 @@ def find_glass(name: str, maker: str | None = None) -> Glass:
                 "pip install opticalglass for the makers' newest catalogues"
             )
     near = difflib.get_close_matches(_key(wanted), list(_shipped()), n=3, cutoff=0.4)
+    if _key(wanted) in _MEANT:
+        near = [_MEANT[_key(wanted)]]
     names = ", ".join(repr(_shipped()[key].name) for key in near)
     by_maker = f" by {maker}" if maker else ""
     raise SceneError(

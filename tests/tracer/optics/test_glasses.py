@@ -70,6 +70,8 @@ def test_unknown_names_show_the_nearest(monkeypatch: pytest.MonkeyPatch) -> None
     words = r"no glass 'N-BK77'; the nearest names are 'N-BK7', .* with the package opticalglass"
     with pytest.raises(SceneError, match=words):
         find_glass("N-BK77")
+    with pytest.raises(SceneError, match="no glass 'PC'; the nearest names are 'polycarbonate'"):
+        find_glass("PC")
     with pytest.raises(MissingExtra, match=r"'H-K9X' of CDGM.*pip install opticalglass"):
         find_glass("H-K9X", "CDGM")
     with pytest.raises(SceneError, match="no maker 'Zeiss'"):
