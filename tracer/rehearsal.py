@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from raymap.compiling import Task, compile_ahead
 from raymap.dictionary import PathMerger
@@ -47,38 +48,44 @@ def order_faces(compilation: Compilation) -> Compilation:
 
     A few rays are traced to find out, the same for every trace of the scene.
     """
-    arrays = compilation.arrays
     if not compilation.departures.sortable:
         return compilation
-    engine = Wavefront(arrays, 0, meshes=compilation.solids, weighted=True)
+    engine = Wavefront(compilation.arrays, 0, meshes=compilation.solids, weighted=True)
     rays = max(64, _PILOT_RAYS // engine.fan)
-    portion = engine.trace(0, rays, reuse=True)
+    return compilation.ordered(_faces_met(compilation, engine.trace(0, rays, reuse=True)))
+
+
+def _faces_met(compilation: Compilation, portion: Portion) -> NDArray[np.int64]:
+    """How many rays of each departure met each analytic face next, (departures, faces)."""
+    arrays = compilation.arrays
     n_faces, n_departures = len(arrays.face_i), len(arrays.first) - 1
-    # The face of every record; of faces with two names the one that records carry
-    analytic = np.flatnonzero(arrays.face_i[:, F_KIND] != MESH)
-    names = arrays.face_i[analytic, F_OBJECT] << 32 | arrays.face_i[analytic, F_TRIANGLE]
-    order = np.argsort(names, kind="stable")
-    names, analytic = names[order], analytic[order]
-    own = portion.object.astype(np.int64) << 32 | portion.triangle
-    place = np.minimum(np.searchsorted(names, own), max(len(names) - 1, 0))
-    known = names[place] == own if len(names) else np.zeros(len(own), bool)
-    face = np.where(known, analytic[place] if len(names) else 0, -1)
-    # Where every segment starts and ends
-    segment = np.ones(len(face), bool)
+    face = _faces_of(arrays.face_i, portion)
+    # A segment starts at every record but the last one of a ray
     ends = np.cumsum(portion.records_per_ray)
-    segment[ends - 1] = False
-    start = np.flatnonzero(segment)
+    goes_on, emitted = np.ones(len(face), bool), np.zeros(len(face), bool)
+    goes_on[ends - 1] = False
+    emitted[ends - portion.records_per_ray] = True
+    start = np.flatnonzero(goes_on)
     axis = compilation.departures.axes[face[start]]
     step = portion.position[start + 1] - portion.position[start]
     departure = 2 * face[start] + (step[np.arange(len(start)), axis] >= 0.0)
-    emitted = np.zeros(len(face), bool)
-    emitted[ends - portion.records_per_ray] = True
     source = np.repeat(portion.source, portion.records_per_ray).astype(np.int64)
     departure[emitted[start]] = 2 * n_faces + source[start[emitted[start]]]
     usable = (departure >= 0) & (face[start + 1] >= 0)
     met = np.zeros((n_departures, n_faces), np.int64)
     np.add.at(met, (departure[usable], face[start + 1][usable]), 1)
-    return compilation.ordered(met)
+    return met
+
+
+def _faces_of(face_i: NDArray[np.int64], portion: Portion) -> NDArray[np.int64]:
+    """The analytic face at which each record was made, -1 for none, by the name that it carries."""
+    analytic = np.flatnonzero(face_i[:, F_KIND] != MESH)
+    names = face_i[analytic, F_OBJECT] << 32 | face_i[analytic, F_TRIANGLE]
+    order = np.argsort(names, kind="stable")
+    names, analytic = names[order], analytic[order]
+    own = portion.object.astype(np.int64) << 32 | portion.triangle
+    place = np.minimum(np.searchsorted(names, own), len(names) - 1)
+    return np.where(names[place] == own, analytic[place], -1)
 
 
 def rehearse(directory: Directory, channel_set: ChannelSet, encoder: PortionEncoder | None) -> None:

@@ -13,8 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.kernels import lean_kernel
-from tracer.engine.directions import about, sample_cosine_cone, sample_uniform_cone
 from tracer.engine.random import advance, stream_state, uniform
+from tracer.geometry.directions import (
+    about,
+    sample_cosine_cone,
+    sample_uniform_cone,
+    sine_of,
+    turned,
+)
 from tracer.geometry.kinds import F64, I64
 from tracer.scene.arrays import (
     COLLIMATED,
@@ -87,13 +93,15 @@ def emit_ray(
     state = advance(state)
     u1 = uniform(state)
     state = advance(state)
-    azimuth = 2.0 * math.pi * uniform(state)
+    u2 = uniform(state)
     cos_max = source_f[source, 14]
     if kind == LAMBERTIAN_CONE:
         cosine = sample_cosine_cone(u1, cos_max)
     else:
         cosine = sample_uniform_cone(u1, cos_max)
-    dx, dy, dz = about(source_f[source, 3], source_f[source, 4], source_f[source, 5], cosine, azimuth)  # fmt: skip # noqa: E501
+    dx, dy, dz = about(
+        source_f[source, 3], source_f[source, 4], source_f[source, 5], cosine, sine_of(cosine), u2
+    )
     return source, x, y, z, dx, dy, dz, state
 
 
@@ -106,5 +114,5 @@ def place_on_area(area: int, a: float, b: float, u1: float, u2: float) -> tuple[
     if area == FROM_RECTANGLE:
         return (2.0 * u1 - 1.0) * a, (2.0 * u2 - 1.0) * b
     radius = math.sqrt(a * a + u1 * (b * b - a * a))
-    angle = 2.0 * math.pi * u2
-    return radius * math.cos(angle), radius * math.sin(angle)
+    cosine, sine = turned(u2)
+    return radius * cosine, radius * sine

@@ -20,6 +20,7 @@ from tracer.crystals.rows import BIAXIAL, EPS, EPS_ORDINARY, ISOTROPIC, KIND
 from tracer.crystals.tree import body_behind, next_boundary, tree_scratch
 from tracer.crystals.waves import ray_absorption
 from tracer.engine.random import advance, stream_state, uniform
+from tracer.geometry.directions import sine_of, turned
 
 __all__ = ["DETECTOR_ROW", "SOURCE_ROW", "trace_paths"]
 
@@ -61,9 +62,8 @@ def _emit(source: Array, state: np.uint64, p: Array, d: Array, field: Array) -> 
     state = advance(state)
     radius = source[6] * math.sqrt(uniform(state))
     state = advance(state)
-    angle = 2.0 * math.pi * uniform(state)
-    a = radius * math.cos(angle)
-    b = radius * math.sin(angle)
+    c, s = turned(uniform(state))
+    a, b = radius * c, radius * s
     p[0] = source[0] + a * ux + b * vx
     p[1] = source[1] + a * uy + b * vy
     p[2] = source[2] + a * uz + b * vz
@@ -71,11 +71,10 @@ def _emit(source: Array, state: np.uint64, p: Array, d: Array, field: Array) -> 
     # Even over the solid angle of the cone
     state = advance(state)
     cosine = 1.0 - uniform(state) * (1.0 - source[7])
-    sine = math.sqrt(max(0.0, 1.0 - cosine * cosine))
+    sine = sine_of(cosine)
     state = advance(state)
-    angle = 2.0 * math.pi * uniform(state)
-    a = sine * math.cos(angle)
-    b = sine * math.sin(angle)
+    c, s = turned(uniform(state))
+    a, b = sine * c, sine * s
     d[0] = cosine * ax + a * ux + b * vx
     d[1] = cosine * ay + a * uy + b * vy
     d[2] = cosine * az + a * uz + b * vz
@@ -84,9 +83,7 @@ def _emit(source: Array, state: np.uint64, p: Array, d: Array, field: Array) -> 
     ex, ey, ez = source[8], source[9], source[10]
     state = advance(state)
     if ex == 0.0 and ey == 0.0 and ez == 0.0:
-        angle = math.pi * uniform(state)
-        a = math.cos(angle)
-        b = math.sin(angle)
+        a, b = turned(0.5 * uniform(state))
         ex, ey, ez = a * ux + b * vx, a * uy + b * vy, a * uz + b * vz
     along = ex * d[0] + ey * d[1] + ez * d[2]
     ex -= along * d[0]
@@ -125,8 +122,7 @@ def _draw_from_cone(
     a = b = 0.0
     for _ in range(200):
         state = advance(state)
-        angle = math.pi * uniform(state)
-        a, b = math.cos(angle), math.sin(angle)
+        a, b = turned(0.5 * uniform(state))
         part = dx * (a * ux + b * vx) + dy * (a * uy + b * vy) + dz * (a * uz + b * vz)
         state = advance(state)
         if uniform(state) * power < (part * part.conjugate()).real:

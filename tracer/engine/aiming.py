@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 
 from raymap.kernels import inner_kernel, lean_kernel
-from tracer.engine.directions import about, sample_uniform_cone
+from tracer.geometry.directions import about, sample_uniform_cone, sine_of, turned
 from tracer.geometry.kinds import F64
 from tracer.scene.arrays import TARGET_RECTANGLE, TARGET_SPHERE
 
@@ -65,12 +65,13 @@ def aim_at(
         scale = 1.0 / math.sqrt(square)
         cos_max = math.sqrt(1.0 - s[15] * s[15] / square)
         cosine = sample_uniform_cone(u1, cos_max)
-        return about(wx * scale, wy * scale, wz * scale, cosine, 2.0 * math.pi * u2)
+        return about(wx * scale, wy * scale, wz * scale, cosine, sine_of(cosine), u2)
     if s[0] == TARGET_RECTANGLE:
         a, b = (2.0 * u1 - 1.0) * s[13], (2.0 * u2 - 1.0) * s[14]
     else:
         radius = math.sqrt(s[13] * s[13] + u1 * (s[14] * s[14] - s[13] * s[13]))
-        a, b = radius * math.cos(2.0 * math.pi * u2), radius * math.sin(2.0 * math.pi * u2)
+        cosine, sine = turned(u2)
+        a, b = radius * cosine, radius * sine
     wx += a * s[7] + b * s[10]
     wy += a * s[8] + b * s[11]
     wz += a * s[9] + b * s[12]

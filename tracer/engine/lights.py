@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from raymap.kernels import inline_kernel, inner_kernel
 from tracer.engine.buffers import COLORS
-from tracer.engine.directions import about, sample_cosine_cone, sample_uniform_cone
 from tracer.engine.random import advance, stream_state, uniform
+from tracer.geometry.directions import about, sample_cosine_cone, sample_uniform_cone, sine_of
 from tracer.geometry.kinds import F64, I64
 from tracer.scene.arrays import (
     BY_TABLE,
@@ -101,7 +101,7 @@ def _emit_measured(
         return source, x, y, z, s[15], s[16], s[17], rx, ry, rz, code, state
     if kind == BY_TABLE:
         cosine, azimuth, state = sample_intensity(pool, first, state)
-        sine = math.sqrt(max(0.0, 1.0 - cosine * cosine))
+        sine = sine_of(cosine)
         p, q = sine * math.cos(azimuth), sine * math.sin(azimuth)
         dx = cosine * nx + p * s[6] + q * s[9]
         dy = cosine * ny + p * s[7] + q * s[10]
@@ -110,12 +110,12 @@ def _emit_measured(
     state = advance(state)
     u1 = uniform(state)
     state = advance(state)
-    azimuth = 2.0 * math.pi * uniform(state)
+    u2 = uniform(state)
     if kind == LAMBERTIAN_CONE:
         cosine = sample_cosine_cone(u1, s[14])
     else:
         cosine = sample_uniform_cone(u1, s[14])
-    dx, dy, dz = about(nx, ny, nz, cosine, azimuth)
+    dx, dy, dz = about(nx, ny, nz, cosine, sine_of(cosine), u2)
     return source, x, y, z, dx, dy, dz, rx, ry, rz, code, state
 
 

@@ -15,9 +15,9 @@ from raymap.events import Event
 from raymap.kernels import inline_kernel, inner_kernel, unsigned
 from tracer.engine.buffers import COLORS
 from tracer.engine.colors import mean_of, pick_channel, recolor
-from tracer.engine.directions import about_turn
 from tracer.engine.random import advance, uniform
 from tracer.engine.scattering import Outcome, meet_scatterer, scatter_specular
+from tracer.geometry.directions import about
 from tracer.geometry.kinds import F64, I64
 from tracer.optics.coatings import coating_share
 from tracer.optics.fresnel import fresnel_reflectance
@@ -201,24 +201,25 @@ def _meet_lambertian(
     back = mean_of(colors, code, surface_f, surface, reflectance)
     if u < back:
         code = recolor(colors, code, surface_f, surface, reflectance, counters)
-        dx, dy, dz, state = _diffuse(nx, ny, nz, state)
+        dx, dy, dz, state = diffuse(nx, ny, nz, state)
         return _DIFFUSE_REFLECTION, False, dx, dy, dz, code, state
     if u < back + mean_of(colors, code, surface_f, surface, transmittance):
         code = recolor(colors, code, surface_f, surface, transmittance, counters)
-        dx, dy, dz, state = _diffuse(-nx, -ny, -nz, state)
+        dx, dy, dz, state = diffuse(-nx, -ny, -nz, state)
         return _DIFFUSE_TRANSMISSION, True, dx, dy, dz, code, state
     return _ABSORBED, False, dx, dy, dz, code, state
 
 
 @inner_kernel
-def _diffuse(
+def diffuse(
     nx: float, ny: float, nz: float, state: np.uint64
 ) -> tuple[float, float, float, np.uint64]:
+    """A direction about n with density cos / pi per solid angle, and the state of the stream."""
     state = advance(state)
     u = uniform(state)
     state = advance(state)
     # The square of the sine is uniform
-    dx, dy, dz = about_turn(nx, ny, nz, math.sqrt(1.0 - u), math.sqrt(u), uniform(state))
+    dx, dy, dz = about(nx, ny, nz, math.sqrt(1.0 - u), math.sqrt(u), uniform(state))
     return dx, dy, dz, state
 
 

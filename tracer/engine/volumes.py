@@ -11,8 +11,9 @@ from raymap.kernels import inline_kernel, inner_kernel
 from tracer.engine.buffers import COLORS
 from tracer.engine.colors import mean_of, pick_channel, recolor
 from tracer.engine.random import advance, uniform
+from tracer.geometry.directions import about, sine_of
 from tracer.geometry.kinds import F64, I64
-from tracer.optics.phase import sample_phase, scattered_direction
+from tracer.optics.phase import sample_phase
 from tracer.scene.arrays import M_PARTICIPATING
 
 __all__ = ["fly_freely", "passes_surely"]
@@ -95,5 +96,5 @@ def fly_freely(
     state = advance(state)
     mu = sample_phase(medium_f[medium, 3 * n_channels :], tables, uniform(state))
     state = advance(state)
-    dx, dy, dz = scattered_direction(dx, dy, dz, mu, uniform(state))
+    dx, dy, dz = about(dx, dy, dz, mu, sine_of(mu), uniform(state))
     return _SCATTER, distance, dx, dy, dz, code, state

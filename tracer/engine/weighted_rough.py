@@ -10,9 +10,9 @@ from raymap.events import Event
 from raymap.kernels import inner_kernel
 from tracer.engine.buffers import COLORS
 from tracer.engine.colors import mean_of, pick_channel, recolor
-from tracer.engine.directions import about, sample_cosine_cone
 from tracer.engine.random import advance, uniform
 from tracer.engine.scattering import metal_reflectance, sample_measured, sample_retroreflector
+from tracer.engine.surfaces import diffuse
 from tracer.engine.weighted_aim import aim_or_keep, balance, frame_about, likely_enough
 from tracer.geometry.kinds import F64, I64
 from tracer.optics.bsdf import pdf_tabulated
@@ -71,11 +71,7 @@ def meet_diffuse(
         nx, ny, nz = -nx, -ny, -nz
         column = beyond
     code = recolor(colors, code, surface_f, surface, column, counters)
-    a = advance(state)
-    state = advance(a)
-    dx, dy, dz = about(
-        nx, ny, nz, sample_cosine_cone(uniform(a), 0.0), 2.0 * math.pi * uniform(state)
-    )
+    dx, dy, dz, state = diffuse(nx, ny, nz, state)
     dx, dy, dz, q, count, state = aim_or_keep(
         rare, x, y, z, nx, ny, nz, True, dx, dy, dz, weight, state
     )

@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from raymap.errors import SceneError
 from raymap.kernels import inner_kernel, lean_kernel
+from tracer.geometry.directions import turned
 
 __all__ = [
     "abg",
@@ -114,8 +115,8 @@ def sample_radial(
     a, b = u1, u2
     for _ in range(64):
         rho = _sample_rho(table, first, a)
-        phi = 2.0 * math.pi * b
-        x, y = beta_x + rho * math.cos(phi), beta_y + rho * math.sin(phi)
+        cosine, sine = turned(b)
+        x, y = beta_x + rho * cosine, beta_y + rho * sine
         square = x * x + y * y
         if square < 1.0:
             return x, y, math.sqrt(1.0 - square)

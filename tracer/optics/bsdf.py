@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from raymap.errors import SceneError
 from raymap.kernels import inner_kernel, lean_kernel
+from tracer.geometry.directions import turned
 
 __all__ = [
     "check_energy",
@@ -39,9 +40,8 @@ Vector = tuple[float, float, float]
 def sample_lambert(u1: float, u2: float, side: float) -> Vector:
     """A direction with density cos / pi; ``side`` = 1 reflected, -1 transmitted."""
     radius = math.sqrt(u1)
-    phi = 2.0 * math.pi * u2
-    x, y = radius * math.cos(phi), radius * math.sin(phi)
-    return x, y, side * math.sqrt(max(0.0, 1.0 - u1))
+    cosine, sine = turned(u2)
+    return radius * cosine, radius * sine, side * math.sqrt(max(0.0, 1.0 - u1))
 
 
 @lean_kernel
@@ -68,8 +68,8 @@ def sample_retro(
         return wi_x, wi_y, wi_z
     cosine = 1.0 - u1 * (1.0 - cos_spread)
     sine = math.sqrt(max(0.0, 1.0 - cosine * cosine))
-    phi = 2.0 * math.pi * u2
-    x, y = sine * math.cos(phi), sine * math.sin(phi)
+    along, across = turned(u2)
+    x, y = sine * along, sine * across
     # Basis about wi (Duff et al., JCGT 6(1), 2017)
     a = -1.0 / (1.0 + wi_z)
     b = wi_x * wi_y * a

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 
 from raymap.kernels import lean_kernel
+from tracer.geometry.directions import turned
 
 __all__ = ["Vector", "ggx_distribution", "ggx_masking", "sample_ggx_normal"]
 
@@ -50,9 +51,9 @@ def sample_ggx_normal(
     x, y, z = x * scale, y * scale, z * scale
     height = (1.0 - u2) * (1.0 + z) - z
     sine = math.sqrt(min(1.0, max(0.0, 1.0 - height * height)))
-    phi = 2.0 * math.pi * u1
-    mx = alpha * (sine * math.cos(phi) + x)
-    my = alpha * (sine * math.sin(phi) + y)
+    along, across = turned(u1)
+    mx = alpha * (sine * along + x)
+    my = alpha * (sine * across + y)
     mz = max(1e-12, height + z)
     scale = 1.0 / math.sqrt(mx * mx + my * my + mz * mz)
     return mx * scale, my * scale, mz * scale

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from raymap.errors import SceneError
 from raymap.kernels import inner_kernel, lean_kernel
+from tracer.geometry.directions import turned
 from tracer.optics.fresnel import fresnel_conductor, fresnel_reflectance
 from tracer.optics.ggx import Vector, ggx_masking, sample_ggx_normal
 
@@ -82,8 +83,8 @@ def sample_lobe(table: F64, first: int, u1: float, u2: float, sign: float) -> Ve
         t = guess
     cosine = min(1.0, max(1e-9, left + t))
     sine = math.sqrt(max(0.0, 1.0 - cosine * cosine))
-    phi = 2.0 * math.pi * u2
-    return sine * math.cos(phi), sine * math.sin(phi), sign * cosine
+    along, across = turned(u2)
+    return sine * along, sine * across, sign * cosine
 
 
 @inner_kernel

@@ -49,7 +49,6 @@ __all__ = [
     "sample_phase",
     "sample_rayleigh",
     "sample_tabulated_phase",
-    "scattered_direction",
     "tabulated_phase",
 ]
 
@@ -218,32 +217,6 @@ def eval_phase(row: NDArray[np.float64], tables: NDArray[np.float64], mu: float)
 def pdf_phase(row: NDArray[np.float64], tables: NDArray[np.float64], mu: float) -> float:
     """Density per solid angle of `sample_phase` with a uniform azimuth: `eval_phase` itself."""
     return eval_phase(row, tables, mu)
-
-
-@lean_kernel
-def scattered_direction(
-    dx: float, dy: float, dz: float, mu: float, u: float
-) -> tuple[float, float, float]:
-    """Unit direction at the cosine ``mu`` from the unit vector d, its azimuth 2 pi u.
-
-    References
-    ----------
-    T. Duff et al., J. Computer Graphics Techniques 6(1), 1 (2017), for the basis.
-    """
-    # Build the basis about d
-    sign = math.copysign(1.0, dz)
-    a = -1.0 / (sign + dz)
-    b = dx * dy * a
-    # Turn by the polar angle and the azimuth
-    sine = math.sqrt(max(0.0, 1.0 - mu * mu))
-    x = sine * math.cos(2.0 * math.pi * u)
-    y = sine * math.sin(2.0 * math.pi * u)
-    ox = x * (1.0 + sign * dx * dx * a) + y * b + mu * dx
-    oy = x * sign * b + y * (sign + dy * dy * a) + mu * dy
-    oz = -x * sign * dx - y * dy + mu * dz
-    # Renormalise, because thousands of events follow each other
-    norm = 1.0 / math.sqrt(ox * ox + oy * oy + oz * oz)
-    return ox * norm, oy * norm, oz * norm
 
 
 def isotropic_row() -> NDArray[np.float64]:

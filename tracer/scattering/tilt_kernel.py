@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from raymap.kernels import kernel
 from tracer.engine.random import advance, uniform
+from tracer.geometry.directions import turned
 from tracer.optics.fresnel import fresnel_reflectance, refract
 
 __all__ = ["rough_face", "sample_slope"]
@@ -60,8 +61,8 @@ def rough_face(
         state = advance(state)
         slope = sample_slope(table, uniform(state))
         state = advance(state)
-        azimuth = 2.0 * math.pi * uniform(state)
-        sx, sy = slope * math.cos(azimuth), slope * math.sin(azimuth)
+        c, s = turned(uniform(state))
+        sx, sy = slope * c, slope * s
         seen = dz + dx * sx + dy * sy
         state = advance(state)
         if seen <= uniform(state) * largest:

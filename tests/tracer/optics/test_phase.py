@@ -122,15 +122,6 @@ def test_densities_integrate_to_one(case: tuple[str, np.ndarray, np.ndarray]) ->
     assert phase.legendre_moments(row, tables, order=0)[0] == pytest.approx(1.0, abs=1e-12)
 
 
-@settings(deadline=None)
-@given(st.floats(0.0, np.pi), st.floats(0, 2 * np.pi), st.floats(-1.0, 1.0), st.floats(0.0, 1.0))
-def test_scattered_direction_keeps_its_angle(theta: float, phi: float, mu: float, u: float) -> None:
-    d = np.array([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)])
-    out = np.array(phase.scattered_direction(*d, mu, u))
-    assert np.linalg.norm(out) == pytest.approx(1.0, abs=1e-14)
-    assert out @ d == pytest.approx(mu, abs=1e-12)
-
-
 @pytest.mark.parametrize(
     ("build", "words"),
     [

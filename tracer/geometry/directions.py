@@ -1,4 +1,8 @@
-"""Frames about a direction, and directions sampled about it."""
+"""Directions at an angle and azimuth about another one, the azimuth in turns.
+
+A random number is an azimuth in turns as it is. Its sine and cosine are found sooner than those of
+an angle: nothing has to be brought back into one period.
+"""
 
 from __future__ import annotations
 
@@ -6,36 +10,42 @@ import math
 
 from raymap.kernels import inline_kernel, inner_kernel
 
-__all__ = ["about", "about_turn", "sample_cosine_cone", "sample_uniform_cone"]
+__all__ = ["about", "sample_cosine_cone", "sample_uniform_cone", "sine_of", "turned"]
 
 _TURN = 2.0 * math.pi
 
 
 @inner_kernel
 def about(
-    nx: float, ny: float, nz: float, cosine: float, azimuth: float
+    nx: float, ny: float, nz: float, cosine: float, sine: float, u: float
 ) -> tuple[float, float, float]:
-    """Unit vector at ``cosine`` from the unit vector n and at ``azimuth`` about it [rad].
+    """Unit vector at an angle from the unit vector n, at an azimuth of ``u`` turns (0 to 1).
 
     References
     ----------
     T. Duff et al., Building an orthonormal basis, revisited, J. Comput. Graph. Tech. 6(1) (2017).
     """
-    sine = math.sqrt(max(0.0, 1.0 - cosine * cosine))
-    return _in_frame(nx, ny, nz, sine * math.cos(azimuth), sine * math.sin(azimuth), cosine)
-
-
-@inner_kernel
-def about_turn(
-    nx: float, ny: float, nz: float, cosine: float, sine: float, u: float
-) -> tuple[float, float, float]:
-    """As `about`, for a known sine of the angle from n and an azimuth of ``u`` turns (0 to 1)."""
-    c, s = _turned(u)
-    return _in_frame(nx, ny, nz, sine * c, sine * s, cosine)
+    c, s = turned(u)
+    p, q = sine * c, sine * s
+    sign = 1.0 if nz >= 0.0 else -1.0
+    a = -1.0 / (sign + nz)
+    b = nx * ny * a
+    x = p * (1.0 + sign * nx * nx * a) + q * b + cosine * nx
+    y = p * sign * b + q * (sign + ny * ny * a) + cosine * ny
+    z = -p * sign * nx - q * ny + cosine * nz
+    # A step of Newton's takes away what rounding has left of the length
+    scale = 1.5 - 0.5 * (x * x + y * y + z * z)
+    return x * scale, y * scale, z * scale
 
 
 @inline_kernel
-def _turned(u: float) -> tuple[float, float]:
+def sine_of(cosine: float) -> float:
+    """Sine of an angle between 0 and 180 degrees, from its cosine."""
+    return math.sqrt(max(0.0, 1.0 - cosine * cosine))
+
+
+@inline_kernel
+def turned(u: float) -> tuple[float, float]:
     """Cosine and sine of 2 pi u for u from 0 to 1, within a rounding or two.
 
     References
@@ -58,22 +68,6 @@ def _turned(u: float) -> tuple[float, float]:
         -cosine if (quarter + 1) & 2 != 0 else cosine,
         -sine if quarter & 2 != 0 else sine,
     )
-
-
-@inline_kernel
-def _in_frame(
-    nx: float, ny: float, nz: float, p: float, q: float, cosine: float
-) -> tuple[float, float, float]:
-    """The unit vector of which n is the third axis of the frame, and p and q go across."""
-    sign = 1.0 if nz >= 0.0 else -1.0
-    a = -1.0 / (sign + nz)
-    b = nx * ny * a
-    x = p * (1.0 + sign * nx * nx * a) + q * b + cosine * nx
-    y = p * sign * b + q * (sign + ny * ny * a) + cosine * ny
-    z = -p * sign * nx - q * ny + cosine * nz
-    # A step of Newton's takes away what rounding has left of the length
-    scale = 1.5 - 0.5 * (x * x + y * y + z * z)
-    return x * scale, y * scale, z * scale
 
 
 @inner_kernel
