@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,25 +19,16 @@ from raymap.dictionary import (
     offsets_of,
 )
 from raymap.directory import Directory
+from raymap.geometrystreams import PathsTaken, add_geometry
 from raymap.layout import PORTION, pack_chunk_header
 from raymap.meetings import compile_detectors, encode_meetings
-from raymap.normals import end_residuals, imply_normals, normal_residuals, other_residuals
 from raymap.paths import PathDictionary
 from raymap.pathwords import face_columns
-from raymap.planes import split_positions
 from raymap.portion import Portion
 from raymap.portionmeta import DESCRIPTOR_STREAMS, Encoding, PortionMeta
-from raymap.positions import gather_coordinates, position_residuals, resolve_codes
 from raymap.schema import COLOR_SCALE
-from raymap.scratch import BufferPool, scratch
-from raymap.shapes import (
-    LEFT_SCENE,
-    RayPoints,
-    RayShapes,
-    ShapeTable,
-    compile_shapes,
-    shape_codes,
-)
+from raymap.scratch import BufferPool
+from raymap.shapes import compile_shapes
 from raymap.streams import Scope, StreamSet
 
 __all__ = ["EncodedPortion", "PortionEncoder"]
@@ -73,15 +64,6 @@ class EncodedPortion:
         self.buffers.clear()
         if self.lent is not None:
             self.lent[1].give(self.lent[0])
-
-
-class _Rays(NamedTuple):
-    """A portion's rays and the paths that they take."""
-
-    portion: Portion
-    offsets: NDArray[np.int64]
-    table: Itineraries
-    path_numbers: NDArray[np.uint32]
 
 
 class PortionEncoder:
@@ -126,8 +108,8 @@ class PortionEncoder:
         if len(explicit):
             streams.add("triangle", explicit)
         lent = None if self.raw or self.compact else self._pool.take(12 * portion.n_records)
-        rays = _Rays(portion, offsets, table, path_numbers)
-        encodings = self._add_geometry(streams, rays, lent)
+        rays = PathsTaken(portion, offsets, table, path_numbers)
+        encodings = add_geometry(streams, rays, self.shapes, compact=self.compact, room=lent)
         encodings |= self._add_descriptors(streams, portion)
         _add_colors(streams, portion, offsets, self.raw)
         _add_rays(streams, portion)
@@ -159,46 +141,6 @@ class PortionEncoder:
             paths=paths,
             lent=None if lent is None else (lent, self._pool),
         )
-
-    def _add_geometry(self, streams: StreamSet, rays: _Rays, room: NDArray[np.uint8] | None) -> int:
-        """Store positions and normals; returns the encodings chosen."""
-        portion = rays.portion
-        if room is not None:
-            planes = room[: 12 * portion.n_records].reshape(12, -1)
-            split_positions(portion.position, planes)
-            for axis, name in enumerate("xyz"):
-                own = planes[4 * axis : 4 * axis + 4]
-                streams.add_split(f"position.{name}", portion.position[:, axis], own, Scope.RECORD)
-            if portion.implied_normals:
-                return _add_unlike_normals(streams, rays, self.shapes)
-        if self.raw and not portion.implied_normals:
-            return _add_raw_geometry(streams, portion)
-        codes = self._shape_codes(rays)
-        if portion.implied_normals:
-            normal = portion.normal.copy()
-            imply_normals(codes, self.shapes.gradient, portion.position, normal)
-            portion = replace(portion, normal=normal)
-        if self.raw:
-            return _add_raw_geometry(streams, portion)
-        chosen = _add_positions(streams, portion, codes, self.shapes) if self.compact else 0
-        return chosen | _add_normals(streams, portion, rays.offsets, codes, self.shapes)
-
-    def _shape_codes(self, rays: _Rays) -> NDArray[np.int32]:
-        """Shape code of each record."""
-        table = rays.table
-        point_codes = np.empty(table.object.size, np.int32)
-        shape_codes(
-            table.offsets, table.object, table.face, table.event, self.shapes.face_code, point_codes
-        )
-        codes = scratch("codes", rays.portion.n_records, np.int32)
-        resolve_codes(
-            RayShapes(
-                rays.path_numbers, table.offsets, rays.offsets, point_codes, rays.portion.triangle
-            ),
-            self.shapes,
-            codes,
-        )
-        return codes
 
     def _add_descriptors(self, streams: StreamSet, portion: Portion) -> int:
         """Store the meetings beyond what the paths say; returns the encodings chosen."""
@@ -241,132 +183,6 @@ class PortionEncoder:
 
 def _nonzero(columns: Iterable[NDArray[Any]]) -> int:
     return sum(int(np.count_nonzero(column)) for column in columns)
-
-
-def _add_raw_geometry(streams: StreamSet, portion: Portion) -> int:
-    for axis, name in enumerate("xyz"):
-        streams.add(f"position.{name}", portion.position[:, axis], Scope.RECORD)
-    for axis, name in enumerate("xyz"):
-        streams.add(f"normal.{name}", portion.normal[:, axis], Scope.RECORD)
-    return 0
-
-
-def _add_positions(
-    streams: StreamSet, portion: Portion, codes: NDArray[np.int32], shapes: ShapeTable
-) -> int:
-    n = portion.n_records
-    position = np.ascontiguousarray(portion.position)
-    bits = position.view(np.int32)
-    # One more row, into which the pass writes ahead before it knows whether the value counts
-    xs, ys, zs = (scratch(f"position.{axis}", n + 1, np.int32) for axis in "xyz")
-    solved = scratch("solved", n + 1, np.int32)
-    residual = scratch("residual", n, np.uint32)
-    roots = np.empty(n, np.uint8)
-    faces, sphere = True, True
-    while True:
-        nx, ny, nz, k = gather_coordinates(
-            codes, shapes.axis, faces, sphere, bits, xs, ys, zs, solved
-        )
-        records = solved[:k]
-        position_residuals(
-            records, codes, shapes.solve, shapes.axis, position, bits, residual, roots
-        )
-        # Give up a kind of shape that saves less than a byte per coordinate
-        bad_faces, bad_sphere = _far_off(codes, records, residual)
-        if not bad_faces and not bad_sphere:
-            break
-        faces, sphere = faces and not bad_faces, sphere and not bad_sphere
-    for name, values in (("x", xs[:nx]), ("y", ys[:ny]), ("z", zs[:nz])):
-        streams.add(f"position.{name}", values.view(np.float32))
-    if k:
-        streams.add("position.residual", residual[:k])
-        streams.add("position.root", roots[:k])
-    chosen = Encoding(0)
-    if k and faces:
-        chosen |= Encoding.SOLVED_FACES
-    if k and sphere:
-        chosen |= Encoding.SOLVED_SPHERE
-    return int(chosen)
-
-
-def _far_off(
-    codes: NDArray[np.int32], records: NDArray[np.int32], residual: NDArray[np.uint32]
-) -> tuple[bool, bool]:
-    """Whether most points are far off their faces, and most ends far off the bounding sphere."""
-    far = np.flatnonzero(residual[: len(records)] >= 2**24)
-    if len(far) == 0:
-        return False, False
-    on_sphere = codes[records] < 0
-    far_on_sphere = int(on_sphere[far].sum())
-    n_sphere = int(on_sphere.sum())
-    far_on_faces = len(far) - far_on_sphere
-    return 2 * far_on_faces > len(records) - n_sphere, 2 * far_on_sphere > n_sphere
-
-
-def _add_normals(
-    streams: StreamSet,
-    portion: Portion,
-    offsets: NDArray[np.int64],
-    codes: NDArray[np.int32],
-    shapes: ShapeTable,
-) -> int:
-    folded = scratch("normals", 3 * portion.n_records, np.uint16).reshape(3, -1)
-    missed, plain = normal_residuals(
-        offsets,
-        codes,
-        portion.triangle,
-        portion.source,
-        shapes.gradient,
-        shapes.first_primitive,
-        shapes.face_start,
-        np.zeros((len(portion.emitted), 3), np.int16),
-        np.zeros((shapes.n_remembered, 3), np.int16),
-        portion.position,
-        portion.normal,
-        folded,
-    )
-    if missed > plain:
-        for axis, name in enumerate("xyz"):
-            streams.add(f"normal.{name}", portion.normal[:, axis], Scope.RECORD)
-        return 0
-    for axis, name in enumerate("xyz"):
-        streams.add(f"normal.{name}", folded[axis], Scope.RECORD)
-    return int(Encoding.NORMALS)
-
-
-def _add_unlike_normals(streams: StreamSet, rays: _Rays, shapes: ShapeTable) -> int:
-    """Store normals of which those on quadrics are implied."""
-    portion = rays.portion
-    most = 2 * portion.n_rays if shapes.complete else portion.n_records
-    places = scratch("places", most, np.int32)
-    folded = scratch("folded", 3 * most, np.uint16).reshape(3, -1)
-    emission = np.zeros((len(portion.emitted), 3), np.int16)
-    position, normal = portion.position, portion.normal
-    if shapes.complete:
-        n = end_residuals(
-            rays.offsets, rays.path_numbers, *_ends(rays.table), portion.source, emission,
-            position, normal, places, folded,
-        )  # fmt: skip
-    else:
-        table = rays.table
-        points = RayPoints(
-            rays.path_numbers, table.offsets, rays.offsets, table.object, table.face, table.event,
-            portion.triangle, portion.source,
-        )  # fmt: skip
-        remembered = np.zeros((shapes.n_remembered, 3), np.int16)
-        n = other_residuals(points, shapes, emission, remembered, position, normal, places, folded)
-    for axis, name in enumerate("xyz"):
-        streams.add_sparse(
-            f"normal.{name}", portion.n_records, places[:n], folded[axis, :n], Scope.RECORD
-        )
-    return int(Encoding.NORMALS)
-
-
-def _ends(table: Itineraries) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Whether each path begins on no face, and whether it ends where the ray has left."""
-    first, last = table.offsets[:-1], table.offsets[1:] - 1
-    left = (table.object[last] < 0) & ((table.event[last] & LEFT_SCENE) != 0) & (last > first)
-    return table.face[first] < 0, left & (table.face[last] < 0)
 
 
 def add_itineraries(streams: StreamSet, rays: Itineraries) -> None:
