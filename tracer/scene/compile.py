@@ -47,6 +47,7 @@ from tracer.scene.model import Scene
 from tracer.scene.rare_light import compile_rare_light
 from tracer.scene.resolve import resolve_bodies
 from tracer.scene.sheets import warn_of_hidden_sheets
+from tracer.scene.source_faces import lift_off_faces
 from tracer.scene.sources import CompiledSources, SourceTable
 from tracer.scene.surfaces import SurfaceTable
 from tracer.scene.touching import BodyFace, warn_of_touching
@@ -129,16 +130,18 @@ class _Compiler:
         sources = SourceTable(scene, self.wavelengths, nests, world).compile()
         detectors = self.detectors.compile()
         center, radius = self._extent(sources)
+        shapes = [primitive.shape for primitive in faces.primitives]
+        sources = lift_off_faces(sources, shapes, 1e-9 * radius)
         face_i, face_f, pool = faces.rows()
         surface_table = SurfaceTable(self.media, self.wavelengths, scene.origin)
         surface_i, surface_f, tables = surface_table.compile(faces.surface_models())
-        departures = Departures([p.shape for p in faces.primitives], sources.boxes)
+        departures = Departures(shapes, sources.boxes)
         rare = self._rare_light()
         plain = _plain_faces(face_i, surface_i, self.media.integers)
         if rare is not None or detectors.virtual or detectors.views is not None:
             plain[:] = 0
         contacts = find_contacts(
-            [p.shape for p in faces.primitives],
+            shapes,
             [p.object for p in faces.primitives],
             [p.inside >= 0 for p in faces.primitives],
             radius,

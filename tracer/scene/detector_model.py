@@ -30,7 +30,7 @@ _KEYS: dict[str, tuple[str, ...]] = {
 _NEEDED: dict[str, tuple[str, ...]] = {
     "plane": ("position", "looks", "size", "cells"),
     "far_field": ("cells",),
-    "camera": ("position", "looks", "cells", "field_deg", "aperture", "focus"),
+    "camera": ("position", "looks", "cells", "field_deg", "aperture"),
     "pinhole": ("position", "looks", "cells", "field_deg"),
     "surface": ("face",),
 }

@@ -52,7 +52,8 @@ def check_sources(compilation: Compilation, *, seed: int = 1) -> None:
     wrong, leaving = _wrong_starts(portion)
     for k, (name, model) in enumerate(compilation.scene.sources.items()):
         mine = portion.source == k
-        bad = np.flatnonzero(mine & wrong)
+        # A solid must be left, or be said to hold the source: all else is rounding at its edge
+        bad = np.flatnonzero(mine & wrong & (leaving | bool(model.inside)))
         place = f"{compilation.scene.origin}: sources.{name}"
         if not len(bad):
             _warn_of_nests(compilation, portion, k, place)

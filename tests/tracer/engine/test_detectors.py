@@ -124,7 +124,8 @@ aperture = {aperture}
 
 
 @pytest.mark.parametrize(
-    ("aperture", "focus"), [(4.0, "focus = 30"), (16.0, "focus = 30"), (4.0, "focus = 60")]
+    ("aperture", "focus"),
+    [(4.0, "focus = 30"), (16.0, "focus = 30"), (4.0, "focus = 60"), (16.0, "")],
 )
 def test_luminance_of_a_lambertian_wall(tmp_path: Path, aperture: float, focus: str) -> None:
     text = WALL.format(aperture=aperture, focus=focus)

@@ -124,3 +124,38 @@ def test_of_solids_around_a_source_the_one_of_higher_priority_counts() -> None:
     one = compile_scene(parse_scene(text + 'inside = ["block", "pocket"]')).arrays.source_i
     other = compile_scene(parse_scene(text + 'inside = ["pocket", "block"]')).arrays.source_i
     assert one.tolist() == other.tolist()
+
+
+ON_A_BOARD = """
+length_unit = "mm"
+[surfaces.black]
+kind = "absorber"
+[bodies.board]
+{board}
+axis = [-0.3, 0.4, -0.8]
+position = [3.3, -1.7, 0.9]
+surface = "black"
+[sources.lamp]
+{lamp}
+axis = [0.3, -0.4, 0.8]
+position = [3.3, -1.7, 0.9]
+"""
+
+
+@pytest.mark.parametrize(
+    "board", ['kind = "disc"\nouter = 8', 'kind = "cylinder"\nradius = 8\nlength = 2']
+)
+@pytest.mark.parametrize(
+    "lamp",
+    [
+        'kind = "lambertian"\ndiameter = 2',
+        'kind = "collimated"\nsize = [2, 1]',
+        'kind = "point"\ncone_deg = 90',
+        'kind = "intensity"\ndiameter = 1\nintensity = { gamma_deg = [0, 90], value = [1, 1] }',
+    ],
+)
+def test_a_chip_on_its_board_shines_away_from_it(lamp: str, board: str) -> None:
+    # Rounding put half of the places behind the board, as it is turned
+    scene = parse_scene(ON_A_BOARD.format(board=board, lamp=lamp))
+    result = record(scene, rays=2_000, no_rays=True, threads=1)
+    assert result.audit["lamp"]["left"] == 2_000, result.audit

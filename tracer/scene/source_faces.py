@@ -1,0 +1,59 @@
+"""Sources that lie on flat faces, as a chip on its board or a lamp in its ceiling.
+
+Rounding would let half of their light start behind such a face, so they are lifted off it by what
+still counts as touching.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tracer.geometry.kinds import MESH, SPHERE
+from tracer.geometry.shapes import Shape
+from tracer.scene.arrays import FROM_LIST, FROM_POINT, L_AREA, L_DIRECTIONS, UNIFORM_CONE
+from tracer.scene.sources import CompiledSources
+
+__all__ = ["lift_off_faces"]
+
+Array = NDArray[np.float64]
+
+_PARALLEL = 1e-9
+
+
+def lift_off_faces(
+    sources: CompiledSources, shapes: Sequence[Shape], reach: float
+) -> CompiledSources:
+    """Sources that start ``reach`` before the flat faces within ``reach`` of which they lie.
+
+    Parameters
+    ----------
+    sources : those that shine from an opening, or from a point to one side, are lifted along their
+        axis; lists of rays and points that shine to all sides stay where they are
+    shapes : all faces
+    reach : distance within which faces are one [scene unit]
+    """
+    rows = [shape.row()[:6] for shape in shapes if shape.kind < SPHERE and shape.kind != MESH]
+    planes = np.array(rows).reshape(-1, 6)
+    numbers, boxes = sources.numbers.copy(), list(sources.boxes)
+    for k, integers in enumerate(sources.integers):
+        if integers[L_AREA] == FROM_LIST or _shines_all_round(integers, numbers[k]):
+            continue
+        axis = numbers[k, 3:6]
+        sense = planes[:, 3:6] @ axis
+        before = ((numbers[k, 0:3] - planes[:, 0:3]) * planes[:, 3:6]).sum(axis=1) * np.sign(sense)
+        on = (np.abs(sense) > 1.0 - _PARALLEL) & (np.abs(before) <= reach)
+        if on.any():
+            numbers[k, 0:3] += (reach - before[on].min()) * axis
+            low, high, beam = boxes[k]
+            boxes[k] = low - 2.0 * reach, high + 2.0 * reach, beam
+    return replace(sources, numbers=numbers, boxes=boxes)
+
+
+def _shines_all_round(integers: NDArray[np.int64], row: Array) -> bool:
+    point = integers[L_AREA] == FROM_POINT and integers[L_DIRECTIONS] == UNIFORM_CONE
+    return bool(point and row[14] < -math.ulp(1.0))
