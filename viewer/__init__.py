@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from viewer.app import view
+    from viewer.charts import chart
     from viewer.models import export_3d
     from viewer.plotter import plotter
     from viewer.rendering import picture
@@ -20,6 +21,7 @@ _HOME = {
     "Clip": "viewer.state",
     "Section": "viewer.state",
     "ViewState": "viewer.state",
+    "chart": "viewer.charts",
     "export_3d": "viewer.models",
     "load_state": "viewer.state",
     "picture": "viewer.rendering",
@@ -33,6 +35,7 @@ __all__ = [
     "Clip",
     "Section",
     "ViewState",
+    "chart",
     "export_3d",
     "load_state",
     "picture",

@@ -1,4 +1,4 @@
-"""The commands ``raymap picture`` and ``raymap view``."""
+"""The commands ``raymap picture``, ``raymap chart`` and ``raymap view``."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ def register(app: typer.Typer) -> None:
     from viewer.models.cli import export_3d
 
     app.command("picture", rich_help_panel=Panel.PICTURES)(picture)
+    app.command("chart", rich_help_panel=Panel.PICTURES)(chart)
     app.command("export-3d", rich_help_panel=Panel.FILES)(export_3d)
     app.command("view", rich_help_panel=Panel.PICTURES)(view)
 
@@ -99,6 +100,59 @@ def picture(
             )
             return
     typer.echo(f"wrote {output} ({pixels.shape[1]} x {pixels.shape[0]} pixels)")
+
+
+def chart(
+    map: MapPath,
+    detector: Annotated[str, typer.Argument(help="Name of the detector.")],
+    output: Annotated[
+        Path,
+        typer.Option("--output", "-o", help=".png, .pdf or .svg; an existing file is replaced."),
+    ],
+    criterion: Annotated[
+        str | None, typer.Argument(help="Which rays; all of them if there is no criterion.")
+    ] = None,
+    bin: Annotated[
+        int, typer.Option(min=1, help="Join blocks of N x N cells, against speckle.")
+    ] = 1,
+    luminous: Annotated[
+        bool, typer.Option("--luminous", help="Lux and candela of a spectral map in watts.")
+    ] = False,
+    log: Annotated[bool, typer.Option("--log", help="Logarithmic scale.")] = False,
+    low: Annotated[float | None, typer.Option(min=0, help="Lower end of the scale.")] = None,
+    high: Annotated[float | None, typer.Option(min=0, help="Upper end of the scale.")] = None,
+    at: Annotated[
+        tuple[float, float] | None,
+        typer.Option(help="Place u v of the cross sections; by default the middle."),
+    ] = None,
+    colors: Annotated[str, typer.Option(help="inferno, viridis, turbo or gray.")] = "inferno",
+    title: Annotated[str | None, typer.Option(help="Written above the chart.")] = None,
+    json: Json = False,
+    strict: Strict = False,
+) -> None:
+    """Draw what a detector measures: scale, cross sections, candela diagram, beam angles."""
+    from viewer.charts import chart as draw
+    from viewer.charts import lines_of
+
+    with opened_map(map, strict) as ray_map:
+        numbers = draw(
+            ray_map,
+            detector,
+            criterion,
+            out=output,
+            bin=bin,
+            luminous=luminous,
+            log=log,
+            low=low,
+            high=high,
+            at=at,
+            colors=colors,
+            title=title,
+        )
+        if json:
+            emit_json({"output": str(output), **numbers, "damaged": len(ray_map.damage)})
+            return
+    typer.echo("\n".join((f"wrote {output}", *lines_of(numbers))))
 
 
 def parse_section(text: str | None) -> Any:

@@ -1,0 +1,118 @@
+"""Charts of detectors: their numbers against closed forms and the map, what they refuse."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from query import DetectorImage, detector_image
+from raymap import ChannelSet, Detector, RayMap, RayMapError
+from raymap.cli import application
+from viewer import chart
+from viewer.chart_numbers import beam_planes, full_angle, numbers_of
+
+
+@pytest.mark.parametrize("power", [1.0, 3.0, 40.0])
+@pytest.mark.parametrize("share", [0.5, 0.1])
+def test_the_beam_of_a_power_of_the_cosine(power: float, share: float) -> None:
+    gamma = np.linspace(-90, 90, 721)
+    angle = full_angle(gamma, np.cos(np.radians(gamma)) ** power, share)
+    assert angle == pytest.approx(2 * np.degrees(np.arccos(share ** (1 / power))), abs=0.02)
+
+
+def test_a_curve_that_does_not_fall_has_no_angle() -> None:
+    gamma = np.linspace(-40, 40, 81)
+    assert full_angle(gamma, np.cos(np.radians(gamma)), 0.5) is None
+    assert full_angle(gamma, np.zeros(81), 0.5) is None
+    everywhere = np.linspace(-180, 180, 361)
+    assert full_angle(everywhere, 1 - np.cos(np.radians(everywhere)), 0.5) is None
+
+
+def far_field(intensity: Any, cells: tuple[int, int]) -> DetectorImage:
+    """A far field whose cells hold exactly the flux of an intensity over (gamma, C)."""
+    detector = Detector(
+        name="far", kind="far_field", cells=cells, parameters={"gamma_deg": (0.0, 90.0)}
+    )
+    gamma = np.radians((np.arange(cells[1]) + 0.5) * 90 / cells[1])[:, None]
+    c = np.radians((np.arange(cells[0]) + 0.5) * 360 / cells[0])[None, :]
+    image = DetectorImage(
+        detector=detector,
+        channel_set=ChannelSet(
+            kind="rgb", wavelengths_nm=(611, 549, 464), luminous=(0.2, 0.7, 0.1)
+        ),
+        flux_unit="lm",
+        length_unit="mm",
+        channels=np.zeros((cells[1], cells[0], 3)),
+        variance=np.zeros((cells[1], cells[0])),
+        rays=np.ones((cells[1], cells[0]), np.int64),
+    )
+    assert image.measure is not None
+    image.channels[:, :, 1] = intensity(gamma, c) * image.measure.values
+    return image
+
+
+def test_planes_of_a_beam_that_is_wide_across_and_narrow_along() -> None:
+    image = far_field(lambda g, c: np.cos(g) ** np.where(np.abs(np.cos(c)) > 0.7, 2, 30), (24, 180))
+    wide, narrow = beam_planes(image, image.candela)
+    assert (wide.name, narrow.name) == ("C0–C180", "C90–C270")
+    assert wide.beam_deg == pytest.approx(90.0, abs=0.05)
+    assert narrow.beam_deg == pytest.approx(2 * np.degrees(np.arccos(0.5 ** (1 / 30))), abs=0.05)
+    assert wide.gamma_deg.tolist() == (-wide.gamma_deg[::-1]).tolist()
+
+
+def test_the_mean_is_weighed_by_the_size_of_cells() -> None:
+    image = far_field(lambda g, c: np.cos(g) + 0 * c, (1, 90))
+    numbers = numbers_of(image, image.candela, "cd")
+    # A Lambertian emitter of intensity 1 has the flux π in 2π sr
+    assert numbers["mean"] == pytest.approx(0.5, rel=1e-3)
+    assert numbers["flux"] == pytest.approx(np.pi, rel=1e-3)
+    assert numbers["planes"][0]["beam_deg"] == pytest.approx(120, abs=0.01)
+
+
+def test_numbers_of_a_chart_are_those_of_the_picture(small_map: RayMap, tmp_path: Path) -> None:
+    target = tmp_path / "chart.svg"
+    criterion = 'hit("L1", reflected)'
+    numbers = chart(small_map, "sensor", criterion, out=target, bin=2, log=True)
+    image = detector_image(small_map, "sensor", criterion, bin=2)
+    density = image.density()
+    assert numbers["flux"] == pytest.approx(image.total)
+    assert numbers["peak"] == pytest.approx(density.max())
+    assert numbers["mean"] == pytest.approx(density.mean())
+    assert numbers["min_over_max"] == pytest.approx(density.min() / density.max())
+    assert numbers["unit"] == "W/m²"
+    assert b"<svg" in target.read_bytes()[:600]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"out": "chart.jpg"}, r"charts end in \.png, \.pdf or \.svg, not 'chart\.jpg'"),
+        ({"colors": "jet"}, "no colour map 'jet'; there are inferno"),
+        ({"low": 2.0, "high": 1.0}, "the scale must go up"),
+        ({"at": (10.0, 0.0)}, r"beside the detector: u goes from -9 to 9, v from -6 to 6 mm"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(
+    small_map: RayMap, tmp_path: Path, options: dict[str, Any], message: str
+) -> None:
+    target = tmp_path / str(options.pop("out", "chart.png"))
+    with pytest.raises(RayMapError, match=message):
+        chart(small_map, "sensor", out=target, **options)
+    assert not target.exists()
+
+
+def test_the_command_draws_and_prints(map_path: Path, tmp_path: Path) -> None:
+    target = tmp_path / "chart.png"
+    command = ["chart", str(map_path), "sensor", "-o", str(target), "--at", "1", "-2"]
+    done = CliRunner().invoke(application(), command)
+    assert done.exit_code == 0, done.output
+    assert done.output.splitlines()[0] == f"wrote {target}"
+    assert "peak" in done.output
+    done = CliRunner().invoke(application(), [*command, "--json"])
+    assert json.loads(done.output)["unit"] == "W/m²"
+    assert target.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
