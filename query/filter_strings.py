@@ -28,7 +28,7 @@ from typing import Any
 from query import criteria as c
 from query.builders import count, event, hit, last, path, source, wavelength
 from query.grammar import mark, parse
-from query.names import escape
+from query.names import PATH_SPECIAL, escape
 from raymap.directory import Directory
 from raymap.errors import CriterionError
 
@@ -199,7 +199,7 @@ class _Translator:
 
     def path_object(self, number: int) -> str:
         self.object(number)
-        return escape(self.directory.objects[number - 1].name, '*?.\\#:@()|{}+ ,"')
+        return escape(self.directory.objects[number - 1].name, PATH_SPECIAL)
 
     def faces(self, owner: int, face: int) -> tuple[str, ...]:
         pattern = self.object(owner)

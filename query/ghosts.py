@@ -126,11 +126,10 @@ def ghost_matrix(
     whole = parts[0] if len(parts) == 1 else c.And(tuple(parts))
     n_faces = len(map.directory.faces.names)
     n_places = n_faces + len(map.directory.objects)
-    n_sources = len(map.directory.sources)
     products, _, scan = sum_over_paths(
         map,
         whole,
-        lambda base, tally: _reflecting(base, tally, n_faces, n_places, n_sources),
+        lambda base, tally: _reflecting(base, tally, n_faces, n_places),
         threads=threads,
         cancel=cancel,
     )
@@ -144,11 +143,11 @@ def ghost_matrix(
         np.concatenate([t.sum_w2 for t in tallies]),
         len(different),
     )
-    return _matrix(map, different, tally, scan.emitted, n_faces, n_places)
+    return _matrix(map, different, tally, scan.emitted, n_places)
 
 
 def _reflecting(
-    base: PathContext, tally: Tally, n_faces: int, n_places: int, n_sources: int
+    base: PathContext, tally: Tally, n_faces: int, n_places: int
 ) -> tuple[NDArray[np.int64], Tally]:
     """Code of (source, first face, second face) of every path with rays, and its sums."""
     mirror = (base.event & int(Event.SPECULAR_REFLECTION)) != 0
@@ -168,7 +167,6 @@ def _matrix(
     codes: NDArray[np.int64],
     tally: Tally,
     emitted: NDArray[np.int64],
-    n_faces: int,
     n_places: int,
 ) -> GhostMatrix:
     directory = map.directory

@@ -144,10 +144,8 @@ class _Builder:
         return _fail(message, self.text, start, end)
 
     def span(self, node: Tree[Token] | Token) -> tuple[int, int]:
-        meta: Any = getattr(node, "meta", node)
-        if hasattr(node, "meta"):
-            return meta.start_pos, meta.end_pos
-        return meta.start_pos, meta.end_pos
+        place: Any = getattr(node, "meta", node)
+        return place.start_pos, place.end_pos
 
     def source(self, node: Tree[Token]) -> str:
         start, end = self.span(node)

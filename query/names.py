@@ -18,6 +18,7 @@ from raymap.directory import Directory
 from raymap.errors import UnknownName
 
 __all__ = [
+    "PATH_SPECIAL",
     "FaceNames",
     "ObjectMatch",
     "canonical",
@@ -31,6 +32,9 @@ __all__ = [
 
 SPECIAL = "*?.\\#:@()|{}+ ,"
 """Characters that keep their backslash in a canonical pattern."""
+
+PATH_SPECIAL = SPECIAL + '"'
+"""Characters that names in path expressions write with a backslash."""
 
 
 def canonical(pattern: str) -> str:

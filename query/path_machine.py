@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,16 +95,12 @@ class _Places:
         self.sources = [source.name for source in directory.sources]
         self.detectors = [detector.name for detector in directory.detectors]
         self.names = names
-        self.directory = directory
 
     def source_indices(self, pattern: str) -> list[int]:
         try:
             return match_indices(pattern, self.sources, "source")
         except UnknownName:
             return []
-
-    def fail(self, pattern: str, pool: Sequence[str], kind: str) -> UnknownName:
-        return unknown(kind, pattern, list(pool))
 
 
 def bind_path(text: str, exact: bool, directory: Directory, names: FaceNames) -> PathMachine:

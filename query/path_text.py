@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from query.context import PathContext
-from query.names import escape
+from query.names import PATH_SPECIAL, escape
 from query.path_machine import PRINCIPAL
 from query.printer import quoted
 from raymap.directory import Directory
@@ -11,11 +11,9 @@ from raymap.events import event_names
 
 __all__ = ["exact_criterion", "path_text"]
 
-_SPECIAL = '*?.\\#:@()|{}+ ,"'
-
 
 def _name(name: str) -> str:
-    return escape(name, _SPECIAL + "\t\n\r")
+    return escape(name, PATH_SPECIAL + "\t\n\r")
 
 
 class PathNames:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from query.binning import block_sums, fitting_blocks
 from raymap.cells import CellMeasure, cell_measure
+from raymap.colorimetry import encode_srgb
 from raymap.directory import ChannelSet, Detector
 from raymap.errors import RayMapError
 
@@ -168,10 +169,6 @@ class DetectorImage:
         return self.density(luminous=luminous)
 
     @property
-    def irradiance_unit(self) -> str:
-        return "lx" if self.flux_unit == "lm" else "W/m²"
-
-    @property
     def irradiance(self) -> Floats:
         """(cells_v, cells_u) flux per area [W/m² or lx], of planes and faces.
 
@@ -226,10 +223,7 @@ class DetectorImage:
             bright = linear.max(axis=2)
             lit = bright[bright > 0]
             exposure = 1.0 / float(np.percentile(lit, percentile)) if len(lit) else 1.0
-        linear = np.minimum(linear * exposure, 1.0)
-        # The transfer function of IEC 61966-2-1.
-        encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-        return np.round(encoded * 255).astype(np.uint8)
+        return np.round(encode_srgb(linear * exposure) * 255).astype(np.uint8)
 
     def _repr_html_(self) -> str:
         from query.image_files import png_html

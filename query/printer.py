@@ -79,13 +79,9 @@ def _atom(node: c.Criterion) -> str:
     if isinstance(node, c.Last):
         return f"last({to_text(node.point)})"
     if isinstance(node, c.Path):
-        text = _path_text(node.text)
+        text = quoted(node.text)
         return f"path({text}, exact)" if node.exact else f"path({text})"
     if isinstance(node, c.Compare):
         measure = _measure(node.value, node.unit)
         return f"{_quantity(node.quantity)} {node.operator} {measure}"
     raise TypeError(f"no text for {type(node).__name__}")
-
-
-def _path_text(text: str) -> str:
-    return quoted(text)

@@ -13,7 +13,7 @@ from query.builders import as_criterion, detected
 from query.scan import Cancel
 from query.selector import select
 from query.tally import source_factors, variances
-from raymap.cells import METRES
+from raymap.units import METRES, length_scale
 
 __all__ = ["SweepRow", "sweep"]
 
@@ -103,10 +103,11 @@ def _detector_area(map: Any, pattern: str) -> float | None:
     if len(found) != 1:
         return None
     detector = map.directory.detectors[found[0]]
-    unit = detector.parameters.get("size_unit", map.directory.length_unit)
-    if detector.kind != "plane" or unit not in METRES:
+    own = map.directory.length_unit
+    unit = str(detector.parameters.get("size_unit", own))
+    if detector.kind != "plane" or (unit != own and not {unit, own} <= METRES.keys()):
         return None
-    scale = METRES[unit] / METRES.get(map.directory.length_unit, METRES[unit])
+    scale = length_scale(unit, own)
     return float(detector.size[0] * detector.size[1] * scale**2)
 
 

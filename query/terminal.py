@@ -11,6 +11,7 @@ from rich.text import Text
 
 from query.selection import Selection
 from query.tables import PathTable
+from raymap.colorimetry import encode_srgb
 
 __all__ = ["print_paths", "print_report", "print_rows", "print_selection"]
 
@@ -199,8 +200,7 @@ def _light(point: dict[str, Any]) -> Text:
         words = f"{len(lit)} channels"
     text = Text()
     if point["color"] is not None:
-        # The terminal's colours are gamma-encoded.
-        r, g, b = (round(255 * max(0.0, x) ** (1 / 2.2)) for x in point["color"])
+        r, g, b = (round(255 * x) for x in encode_srgb(point["color"]).tolist())
         text.append("██ ", style=f"rgb({r},{g},{b})")
     return text.append(words)
 

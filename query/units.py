@@ -5,23 +5,11 @@ from __future__ import annotations
 import math
 
 from raymap.errors import CriterionError
+from raymap.units import METRES
 
 __all__ = ["convert", "known_units", "length_factor"]
 
-_LENGTH_M = {
-    "nm": 1e-9,
-    "um": 1e-6,
-    "µm": 1e-6,
-    "μm": 1e-6,
-    "mm": 1e-3,
-    "cm": 1e-2,
-    "dm": 1e-1,
-    "m": 1.0,
-    "km": 1e3,
-    "in": 25.4e-3,
-    "inch": 25.4e-3,
-    "ft": 0.3048,
-}
+_LENGTH_M = METRES | {"μm": 1e-6, "dm": 1e-1, "km": 1e3, "inch": METRES["in"]}
 _WAVELENGTH_NM = {"nm": 1.0, "um": 1e3, "µm": 1e3, "μm": 1e3, "mm": 1e6, "m": 1e9, "Å": 0.1}
 _ANGLE_DEG = {
     "deg": 1.0,
@@ -44,8 +32,19 @@ def _scale(unit: str, table: dict[str, float], what: str) -> float:
 
 
 def length_factor(unit: str, length_unit: str) -> float:
-    """Scene units per ``unit``."""
-    return _scale(unit, _LENGTH_M, "a length") / _LENGTH_M.get(length_unit, 1e-3)
+    """Scene units per ``unit``.
+
+    Raises
+    ------
+    CriterionError
+        The unit is none of length, or that of the map is not known.
+    """
+    metres = _scale(unit, _LENGTH_M, "a length")
+    if length_unit not in _LENGTH_M:
+        raise CriterionError(
+            f"the map's unit of length, {length_unit!r}, is not known: write the number without one"
+        )
+    return metres / _LENGTH_M[length_unit]
 
 
 def known_units() -> set[str]:

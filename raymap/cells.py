@@ -22,14 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.directory import Detector
+from raymap.units import METRES
 
-__all__ = ["METRES", "CellMeasure", "cell_measure", "is_pinhole"]
+__all__ = ["CellMeasure", "cell_measure", "is_pinhole"]
 
 Floats = NDArray[np.float64]
 Quantity = Literal["area", "solid_angle", "etendue"]
-
-METRES = {"nm": 1e-9, "um": 1e-6, "µm": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
-"""Metres in a unit of length."""
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
 
@@ -53,13 +51,6 @@ class CellMeasure:
         radiant = {"area": "W/m²", "solid_angle": "W/sr", "etendue": "W/(m² sr)"}
         luminous = {"area": "lx", "solid_angle": "cd", "etendue": "cd/m²"}
         return (luminous if flux_unit == "lm" else radiant)[self.quantity]
-
-    @property
-    def name(self) -> str:
-        """Name of flux per measure in radiant units."""
-        return {"area": "irradiance", "solid_angle": "intensity", "etendue": "luminance"}[
-            self.quantity
-        ]
 
 
 def is_pinhole(detector: Detector) -> bool:

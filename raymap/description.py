@@ -60,18 +60,11 @@ def read_mesh(file: MapFile, chunk: Chunk, number: int) -> DisplayMesh:
     vertices = file.column(chunk, f"mesh.{number}.vertices", None, np.float32, matrix=True)
     triangles = file.column(chunk, f"mesh.{number}.triangles", None, np.int32, matrix=True)
     face = file.column(chunk, f"mesh.{number}.face", None, np.int32)
-    sound = (
-        (
-            vertices.reshape(len(vertices), -1).shape[1] == 3
-            and triangles.reshape(len(triangles), -1).shape[1] == 3
-            and len(face) == len(triangles)
-            and (
-                not len(triangles)
-                or 0 <= int(triangles.min()) <= int(triangles.max()) < len(vertices)
-            )
-        )
-        if len(triangles)
-        else True
+    sound = not len(triangles) or (
+        vertices.reshape(len(vertices), -1).shape[1] == 3
+        and triangles.reshape(len(triangles), -1).shape[1] == 3
+        and len(face) == len(triangles)
+        and 0 <= int(triangles.min()) <= int(triangles.max()) < len(vertices)
     )
     if not sound:
         raise FormatError(f"display mesh of object {number} is not sound")

@@ -76,9 +76,12 @@ class Surface(_Entry):
 class Quadric(_Entry):
     """Implicit shape of one primitive: F(x, y, z) = 0 with the gradient pointing outward.
 
-    ``coefficients`` = (xx, yy, zz, xy, xz, yz, x, y, z, 1): F = xx x² + yy y² + zz z² + xy x y +
-    xz x z + yz y z + x x + y y + z z + 1. ``solve_axis`` names the coordinate (0, 1, 2) that the
-    encoding may rebuild from the other two, None if that is never worthwhile.
+    Attributes
+    ----------
+    coefficients : c₀ … c₉ of F = c₀ x² + c₁ y² + c₂ z² + c₃ x y + c₄ x z + c₅ y z + c₆ x + c₇ y +
+        c₈ z + c₉
+    solve_axis : coordinate (0, 1, 2) that the encoding may rebuild from the other two; None if that
+        is never worthwhile
     """
 
     coefficients: tuple[float, float, float, float, float, float, float, float, float, float]

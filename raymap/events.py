@@ -102,17 +102,10 @@ FAMILIES: dict[str, Event] = {
 }
 """Words of the criteria language, reports and exports: every single event and the families."""
 
-_SINGLE_NAMES = {event: name for name, event in FAMILIES.items() if int(event).bit_count() == 1} | {
-    Event.SPECULAR_REFRACTION: "refracted"
-}
+_SINGLE_NAMES = {int(event): name for name, event in FAMILIES.items() if event.bit_count() == 1}
 
 
 def event_names(bits: int) -> list[str]:
     """Names of the events set in ``bits``, lowest bit first; unknown bits as ``bit_NN``."""
-    bits &= 0xFFFFFFFF
-    names = []
-    for position in range(32):
-        if bits >> position & 1:
-            known = position in {event.bit_length() - 1 for event in Event}
-            names.append(_SINGLE_NAMES[Event(1 << position)] if known else f"bit_{position}")
-    return names
+    set_bits = [position for position in range(32) if bits >> position & 1]
+    return [_SINGLE_NAMES.get(1 << position, f"bit_{position}") for position in set_bits]

@@ -100,7 +100,8 @@ def pack_footer(
     size = len(pack_chunk_header(FOOTER, b"", streams.entries)) + streams.stored_bytes
     packed = struct.pack("<Q", size)
     check = xxhash.xxh3_64_intdigest(packed + TAIL_MAGIC)
-    streams.entries.pop(), streams.buffers.pop()
+    streams.entries.pop()
+    streams.buffers.pop()
     streams.add("tail", np.frombuffer(_TAIL.pack(size, check, TAIL_MAGIC), np.uint8))
     return [pack_chunk_header(FOOTER, b"", streams.entries), *streams.buffers]
 

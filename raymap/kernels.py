@@ -1,4 +1,4 @@
-"""The one decorator of all compiled functions, and its flags.
+"""The decorators of all compiled functions, and their flags.
 
 ``error_model="numpy"``: division by zero gives inf or nan, as in the columns around it.
 ``nogil=True``: portions run on a thread pool. No ``fastmath`` (it turns ``isnan(nan)`` false), no

@@ -33,6 +33,17 @@ class Descriptors:
     uv: NDArray[np.uint16]
     registered: NDArray[np.bool_]
 
+    @staticmethod
+    def empty() -> Descriptors:
+        """No meetings, as of rays that no detector saw."""
+        return Descriptors(
+            detector=np.empty(0, np.int16),
+            cell=np.empty((0, 2), np.uint16),
+            cosine=np.empty(0, np.int16),
+            uv=np.empty((0, 2), np.uint16),
+            registered=np.empty(0, np.bool_),
+        )
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Portion:

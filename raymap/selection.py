@@ -135,13 +135,7 @@ def _empty(ray_map: RayMap) -> Portion:
         color_code=np.empty(0, np.int32),
         color_table=np.empty((0, channels), np.uint16),
         descriptor_count=np.empty(0, np.uint16),
-        descriptors=Descriptors(
-            detector=np.empty(0, np.int16),
-            cell=np.empty((0, 2), np.uint16),
-            cosine=np.empty(0, np.int16),
-            uv=np.empty((0, 2), np.uint16),
-            registered=np.empty(0, np.bool_),
-        ),
+        descriptors=Descriptors.empty(),
     )
 
 

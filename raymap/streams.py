@@ -104,7 +104,10 @@ def kind_of(dtype: np.dtype[Any]) -> int:
         The format has no such element type.
     """
     little = dtype.newbyteorder("<")
-    return next(code for code, known in KINDS.items() if known == little)
+    for code, known in KINDS.items():
+        if known == little:
+            return code
+    raise KeyError(f"the format has no element type {dtype}")
 
 
 @dataclass

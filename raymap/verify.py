@@ -105,7 +105,7 @@ def portion_problem(portion: StoredPortion) -> str | None:
         content = portion.read()
         check_portion(content, portion.map.directory, portion.map.channel_sets[portion.channel_set])
     except DamagedPortion as error:
-        return getattr(error, "reason", None) or str(error)
+        return error.reason or str(error)
     except (FormatError, InvalidPortion) as error:
         return str(error)
     return None

@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from raymap.colorimetry import encode_srgb
 from raymap.errors import RayMapError
+from raymap.schema import COLOR_SCALE
 from service.library import Library
 from service.limits import Deadline, Gate
 from service.requests import Request
@@ -286,8 +288,7 @@ def _colors(portion: Any, records: Any, display: Any) -> Any:
     rgb = np.array(display, np.float64).reshape(-1, 3)
     if len(rgb) != channels:
         return np.full((len(records), 3), 255, np.uint8)
-    shares = np.concatenate((np.eye(channels), portion.color_table / 65535.0))
+    shares = np.concatenate((np.eye(channels), portion.color_table / COLOR_SCALE))
     linear = np.maximum(shares[portion.color_code[records]] @ rgb, 0.0)
     linear /= np.maximum(linear.max(axis=1, keepdims=True), 1e-12)
-    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-    return np.round(encoded * 255).astype(np.uint8)
+    return np.round(encode_srgb(linear) * 255).astype(np.uint8)

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.colorimetry import RGB_LUMINANCE, encode_srgb
 from raymap.directory import Directory
 from raymap.events import ENDINGS, FAMILIES, event_names
-from viewer.falsecolor import PALETTE, apply_colormap, encode_srgb, wavelength_rgb
+from viewer.falsecolor import PALETTE, apply_colormap, wavelength_rgb
 from viewer.lines import Lines
 from viewer.rays import DrawnRays
 
@@ -104,7 +105,7 @@ def _natural(rays: DrawnRays, dark: bool) -> Rgb:
     linear = np.clip(rays.rgb, 0, None)
     brightest = np.maximum(linear.max(axis=1, keepdims=True), 1e-9)
     shown = _CURVE[np.rint(linear / brightest * (len(_CURVE) - 1)).astype(np.int16)]
-    luma = shown @ np.array([0.2126, 0.7152, 0.0722], np.float32)
+    luma = shown @ np.array(RGB_LUMINANCE, np.float32)
     if dark:
         # Deep blue vanishes on black: mix in white
         white = np.clip((0.36 - luma) / np.maximum(1 - luma, 1e-9), 0, 1)[:, None]

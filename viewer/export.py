@@ -15,14 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.colorimetry import decode_srgb
+from raymap.units import length_scale
 from viewer.bodies import Body
 from viewer.lines import Lines
 from viewer.rays import DrawnRays
 
-__all__ = ["METRES", "to_glb", "to_gltf", "to_vtp"]
-
-METRES = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
-"""Metres, the unit of glTF, in each unit of length of scenes."""
+__all__ = ["to_glb", "to_gltf", "to_vtp"]
 
 _FLOAT, _UBYTE = 5126, 5121
 _LINES, _TRIANGLES = 1, 4
@@ -136,8 +135,13 @@ def to_glb(
     groups : (name, (n_segments,) bool) for each node of rays; None: one node "rays"
     length_unit : of the scene; another one than metres becomes the scale of a node above all others
     title : name of that node
+
+    Raises
+    ------
+    RayMapError
+        The unit of length is not known, so nothing could be converted to metres.
     """
-    scale = METRES.get(length_unit, 1.0)
+    scale = length_scale(length_unit, "m")
     return _glb(bodies, lines, rgba, groups).to_bytes(scale, title)
 
 
@@ -151,7 +155,7 @@ def to_gltf(
     title: str = "scene",
 ) -> bytes:
     """The same as one text file of glTF 2.0, its numbers embedded."""
-    scale = METRES.get(length_unit, 1.0)
+    scale = length_scale(length_unit, "m")
     return _glb(bodies, lines, rgba, groups).to_text(scale, title)
 
 
@@ -169,10 +173,7 @@ def _glb(
             "POSITION": glb.positions(body.corners.reshape(-1, 3)),
             "NORMAL": glb.accessor(_unit(body.normals.reshape(-1, 3)), "VEC3", _FLOAT),
         }
-        linear = np.where(
-            body.color <= 0.04045, body.color / 12.92, ((body.color + 0.055) / 1.055) ** 2.4
-        )
-        color = [*(float(value) for value in linear), float(body.opacity)]
+        color = [*(float(value) for value in decode_srgb(body.color)), float(body.opacity)]
         glb.add(body.name, attributes, _TRIANGLES, color)
     if groups is None:
         groups = [("rays", np.ones(len(lines), np.bool_))]
@@ -180,8 +181,7 @@ def _glb(
         if not chosen.any():
             continue
         # glTF wants colours of vertices as linear light
-        display = rgba[chosen, :3] / 255.0
-        linear = np.where(display <= 0.04045, display / 12.92, ((display + 0.055) / 1.055) ** 2.4)
+        linear = decode_srgb(rgba[chosen, :3] / 255.0)
         color8 = np.column_stack([np.rint(linear * 255), rgba[chosen, 3]]).astype(np.uint8)
         points = lines.segments[chosen].reshape(-1, 3)
         attributes = {

@@ -1,11 +1,13 @@
-"""Colour maps, categorical palettes and the sRGB transfer curve, as small tables."""
+"""Colour maps, categorical palettes and colours of wavelengths, as small tables."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["COLORMAPS", "PALETTE", "apply_colormap", "encode_srgb", "wavelength_rgb"]
+from raymap.colorimetry import encode_srgb
+
+__all__ = ["COLORMAPS", "PALETTE", "apply_colormap", "wavelength_rgb"]
 
 _ANCHORS = {
     "inferno": "000004 0b0724 210c4a 3d0965 57106e 71196e 8a226a a32c61 bc3754 d24644 e45a31 "
@@ -54,13 +56,6 @@ def apply_colormap(values: NDArray[np.floating], name: str) -> NDArray[np.uint8]
     steps = np.rint(np.stack(columns, -1)).astype(np.uint8)
     index = np.clip(np.nan_to_num(values, nan=0.0, posinf=1.0, neginf=0.0), 0, 1) * 255 + 0.5
     return np.asarray(steps[index.astype(np.uint8)])
-
-
-def encode_srgb(linear: NDArray[np.floating]) -> NDArray[np.float64]:
-    """The transfer curve of IEC 61966-2-1: linear light 0 … 1 to display values 0 … 1."""
-    clipped = np.clip(np.asarray(linear, np.float64), 0, 1)
-    curved = 1.055 * clipped ** (1 / 2.4) - 0.055
-    return np.where(clipped <= 0.0031308, 12.92 * clipped, curved)
 
 
 def wavelength_rgb(wavelengths_nm: NDArray[np.floating]) -> NDArray[np.float64]:

@@ -10,12 +10,9 @@ from typing import Any
 from query.names import escape
 from raymap.directory import Directory
 from raymap.events import FAMILIES
-from viewer.templates import template
 from viewer.tree import GROUPS, TreeRow
 
-__all__ = ["PANEL", "CriterionShelf", "choices", "tree_fields"]
-
-PANEL = template("criterion")
+__all__ = ["CriterionShelf", "choices", "tree_fields"]
 
 ATOM_KINDS = {
     "hit": "met",

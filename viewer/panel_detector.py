@@ -11,11 +11,8 @@ from numpy.typing import NDArray
 from viewer.falsecolor import apply_colormap
 from viewer.plots import profile
 from viewer.rendering import encode_png
-from viewer.templates import template
 
-__all__ = ["PANEL", "bin_cells", "cross_sections", "image_url", "scale_fields"]
-
-PANEL = template("detector")
+__all__ = ["bin_cells", "cross_sections", "image_url", "scale_fields"]
 
 
 def bin_cells(values: NDArray[np.floating], binning: int) -> NDArray[np.float64]:

@@ -7,11 +7,8 @@ from typing import Any
 
 from viewer.falsecolor import PALETTE
 from viewer.itinerary import headline
-from viewer.templates import template
 
-__all__ = ["PANEL", "SORTS", "path_rows", "sort_rows"]
-
-PANEL = template("paths")
+__all__ = ["SORTS", "path_rows", "sort_rows"]
 
 SORTS = ("flux", "rays", "path")
 

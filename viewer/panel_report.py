@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
+from raymap.colorimetry import encode_srgb
 from viewer.plots import bars
-from viewer.templates import template
 
-__all__ = ["PANEL", "point_fields", "report_fields"]
-
-PANEL = template("report")
+__all__ = ["point_fields", "report_fields"]
 
 
 def _number(value: Any, unit: str = "") -> str:
@@ -41,8 +41,7 @@ def _color(point: Mapping[str, Any]) -> str:
     rgb = point.get("color")
     if rgb is None or max(rgb, default=0) <= 0:
         return "transparent"
-    top = max(rgb)
-    parts = (round(255 * max(0.0, float(part) / top) ** (1 / 2.2)) for part in rgb)
+    parts = (round(255 * part) for part in encode_srgb(np.array(rgb) / max(rgb)).tolist())
     return "rgb({}, {}, {})".format(*parts)
 
 

@@ -4,13 +4,8 @@ from __future__ import annotations
 
 from raymap.directory import Directory
 from viewer.state import Section, ViewState
-from viewer.templates import template
 
-__all__ = ["CONTROLS", "VIEW", "section_fields", "section_of"]
-
-VIEW = template("view")
-
-CONTROLS = template("controls")
+__all__ = ["section_fields", "section_of"]
 
 SIDES = ("+x", "-x", "+y", "-y", "+z", "-z")
 

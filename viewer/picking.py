@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.kernels import kernel
+from viewer.raster import NEAR
 
 __all__ = ["Pick", "pick_segment", "pick_triangle"]
 
@@ -40,7 +41,6 @@ def _nearest(
 ) -> tuple[int, float, float]:
     """Nearest visible segment in pixels; of several as near (within half a pixel) the foremost."""
     best, best_distance, best_depth, best_fraction = -1, tolerance + 0.5, np.inf, 0.0
-    near = 1e-3
     for i in range(segments.shape[0]):
         if rgba[i, 3] == 0:
             continue
@@ -50,17 +50,17 @@ def _nearest(
         bx, by, bz = segments[i, 1, 0], segments[i, 1, 1], segments[i, 1, 2]
         wa = matrix[3, 0] * ax + matrix[3, 1] * ay + matrix[3, 2] * az + matrix[3, 3]
         wb = matrix[3, 0] * bx + matrix[3, 1] * by + matrix[3, 2] * bz + matrix[3, 3]
-        if not (wa >= near or wb >= near):
+        if not (wa >= NEAR or wb >= NEAR):
             continue
         xa = matrix[0, 0] * ax + matrix[0, 1] * ay + matrix[0, 2] * az + matrix[0, 3]
         xb = matrix[0, 0] * bx + matrix[0, 1] * by + matrix[0, 2] * bz + matrix[0, 3]
         ya = matrix[1, 0] * ax + matrix[1, 1] * ay + matrix[1, 2] * az + matrix[1, 3]
         yb = matrix[1, 0] * bx + matrix[1, 1] * by + matrix[1, 2] * bz + matrix[1, 3]
         s0, s1 = 0.0, 1.0
-        if wa < near:
-            s0 = (near - wa) / (wb - wa)
-        elif wb < near:
-            s1 = (near - wa) / (wb - wa)
+        if wa < NEAR:
+            s0 = (NEAR - wa) / (wb - wa)
+        elif wb < NEAR:
+            s1 = (NEAR - wa) / (wb - wa)
         w0, w1 = wa + s0 * (wb - wa), wa + s1 * (wb - wa)
         x0, y0 = (xa + s0 * (xb - xa)) / w0, (ya + s0 * (yb - ya)) / w0
         x1, y1 = (xa + s1 * (xb - xa)) / w1, (ya + s1 * (yb - ya)) / w1

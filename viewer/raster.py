@@ -41,7 +41,6 @@ def _draw_band(
     margin = line_width + 2.0
     low_x, high_x = -margin, columns + margin
     low_y, high_y = first_row - margin, last_row + margin
-    near = 1e-3
     # Scalars, so that the loop over segments keeps the matrix in registers
     m00, m01, m02, m03 = matrix[0, 0], matrix[0, 1], matrix[0, 2], matrix[0, 3]
     m10, m11, m12, m13 = matrix[1, 0], matrix[1, 1], matrix[1, 2], matrix[1, 3]
@@ -56,7 +55,7 @@ def _draw_band(
         bx, by, bz = segments[i, 1, 0], segments[i, 1, 1], segments[i, 1, 2]
         wa = m30 * ax + m31 * ay + m32 * az + m33
         wb = m30 * bx + m31 * by + m32 * bz + m33
-        if not (wa >= near or wb >= near):
+        if not (wa >= NEAR or wb >= NEAR):
             continue
         xa = m00 * ax + m01 * ay + m02 * az + m03
         xb = m00 * bx + m01 * by + m02 * bz + m03
@@ -66,12 +65,12 @@ def _draw_band(
         zb = m20 * bx + m21 * by + m22 * bz + m23
 
         # Cut what is behind the camera, then divide
-        if wa < near:
-            t = (near - wa) / (wb - wa)
-            xa, ya, za, wa = xa + t * (xb - xa), ya + t * (yb - ya), za + t * (zb - za), near
-        elif wb < near:
-            t = (near - wb) / (wa - wb)
-            xb, yb, zb, wb = xb + t * (xa - xb), yb + t * (ya - yb), zb + t * (za - zb), near
+        if wa < NEAR:
+            t = (NEAR - wa) / (wb - wa)
+            xa, ya, za, wa = xa + t * (xb - xa), ya + t * (yb - ya), za + t * (zb - za), NEAR
+        elif wb < NEAR:
+            t = (NEAR - wb) / (wa - wb)
+            xb, yb, zb, wb = xb + t * (xa - xb), yb + t * (ya - yb), zb + t * (za - zb), NEAR
         xa, ya, za = xa / wa, ya / wa, za / wa
         xb, yb, zb = xb / wb, yb / wb, zb / wb
 

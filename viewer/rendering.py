@@ -121,8 +121,7 @@ def picture(
     shown = painter.show(base, drawing.rays, drawing.labels)
     camera = base.camera
     if camera is None:
-        parallel = view not in ("tilted",)
-        camera = painter.standard(view, shown, width / height, parallel)
+        camera = painter.standard(view, shown, width / height, parallel=view != "tilted")
     pixels = painter.paint(base, shown, camera, width, height, supersampling=supersampling)
     if legend or caption:
         key = shown.legend if legend else replace(shown.legend, entries=())

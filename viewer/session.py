@@ -153,9 +153,7 @@ class Session:
         """
         state, shown = self.state, self.shown()
         camera = self.camera(width, height)
-        scale = min(1.0, (700 / max(width, height)) if coarse else ratio)
-        if not coarse:
-            scale = ratio
+        scale = min(1.0, 700 / max(width, height)) if coarse else ratio
         size = max(16, round(width * scale)), max(16, round(height * scale))
         pixels = self.painter.paint(
             replace(state, width=max(0.6, state.width * scale)), shown, camera, *size,

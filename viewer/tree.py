@@ -257,11 +257,4 @@ def with_region(tree: Tree | None, detector: str, region: Region | None) -> Tree
         "names": [escape(detector, "*?\\")],
         "regions": [{region.shape: list(region.values)}],
     }
-    return (
-        add_node(tree, (), atom)
-        if tree is None or tree["op"] == "and"
-        else {
-            "op": "and",
-            "args": [tree, atom],
-        }
-    )
+    return add_node(tree, (), atom)

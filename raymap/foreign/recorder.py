@@ -269,13 +269,7 @@ class RayRecorder:
             color_code=codes,
             color_table=table,
             descriptor_count=np.zeros(n, np.uint16),
-            descriptors=Descriptors(
-                detector=np.empty(0, np.int16),
-                cell=np.empty((0, 2), np.uint16),
-                cosine=np.empty(0, np.int16),
-                uv=np.empty((0, 2), np.uint16),
-                registered=np.empty(0, np.bool_),
-            ),
+            descriptors=Descriptors.empty(),
             first_ray=self._first_ray,
             weight=None if (weights == 1).all() else weights,
         )

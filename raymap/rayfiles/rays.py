@@ -10,14 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.errors import RayMapError
+from raymap.units import length_scale
 
-__all__ = ["LENGTH_UNITS_MM", "FluxUnit", "RayFileError", "RaySet", "Spectrum", "checked"]
+__all__ = ["FluxUnit", "RayFileError", "RaySet", "Spectrum", "checked"]
 
 FluxUnit = Literal["W", "lm"]
 Floats = NDArray[np.float32]
-
-LENGTH_UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 1e-3, "in": 25.4, "ft": 304.8}
-"""Millimetres in each unit of length."""
 
 _UNIT_TOLERANCE = 1e-3
 _ROUNDING = 1e-6
@@ -43,7 +41,7 @@ class Spectrum:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RaySet:
-    """Rays of a ray file: where they start, whither they go, what they carry.
+    """Rays of a ray file: where they start, which way they go, what they carry.
 
     Attributes
     ----------
@@ -116,14 +114,12 @@ class RaySet:
         RayFileError
             The unit is not known.
         """
-        for unit in (self.length_unit, length_unit):
-            if unit not in LENGTH_UNITS_MM:
-                raise RayFileError(
-                    f"length unit {unit!r} is not one of {', '.join(LENGTH_UNITS_MM)}"
-                )
         if length_unit == self.length_unit:
             return self
-        factor = LENGTH_UNITS_MM[self.length_unit] / LENGTH_UNITS_MM[length_unit]
+        try:
+            factor = length_scale(self.length_unit, length_unit)
+        except RayMapError as error:
+            raise RayFileError(str(error)) from None
         scaled = (self.position.astype(np.float64) * factor).astype(np.float32)
         return dataclasses.replace(self, position=scaled, length_unit=length_unit)
 

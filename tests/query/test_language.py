@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import pytest
@@ -160,6 +161,16 @@ def test_names_and_units_that_do_not_fit_the_map(text: str, message: str) -> Non
     assert "^" in str(caught.value)
     if "nearest" in message:
         assert isinstance(caught.value, UnknownName)
+
+
+def test_a_map_in_an_unknown_unit_takes_numbers_without_units() -> None:
+    known = facts()
+    strange = known.directory.model_copy(update={"length_unit": "furlong"})
+    other = dataclasses.replace(known, directory=strange)
+    bind(parse("length > 3"), other)
+    for text in ("length > 3 mm", 'detected("screen", rect(0 mm, 0 mm, 1 mm, 1 mm))'):
+        with pytest.raises(CriterionError, match="'furlong', is not known"):
+            bind(parse(text), other, text)
 
 
 def test_errors_of_python_trees_show_the_printed_text() -> None:

@@ -54,6 +54,12 @@ def test_rgb_wavelengths_are_the_dominant_ones_of_the_primaries() -> None:
         assert p @ q > 0
 
 
+def test_transfer_function_meets_its_standard() -> None:
+    # IEC 61966-2-1: the end of the linear part, photographic grey, half of the encoded range
+    values = c.encode_srgb([0.0, 0.0031308, 0.18, 0.2140411, 1.0, 2.0])
+    np.testing.assert_allclose(values, [0, 0.0404482, 0.4613561, 0.5, 1, 1], atol=2e-5)
+
+
 @settings(deadline=None)
 @given(st.lists(st.floats(0, 1), min_size=3, max_size=3))
 def test_transfer_function_and_matrix_are_inverted(rgb: list[float]) -> None:

@@ -13,7 +13,6 @@ import pytest
 import raymap
 from raymap.errors import MapExists, RayMapError
 from viewer.answers import draw_rays
-from viewer.export import METRES
 from viewer.models import SUFFIXES, export_3d
 from viewer.scene import load_bodies
 
@@ -32,7 +31,8 @@ def test_gltf_has_names_and_metres(small_map: raymap.RayMap, tmp_path: Path) -> 
     document = json.loads((tmp_path / "a.gltf").read_text())
     *parts, root = document["nodes"]
     assert document["scenes"][0]["nodes"] == [len(parts)]
-    scale = METRES[small_map.directory.length_unit]
+    assert small_map.directory.length_unit == "mm"
+    scale = 1e-3
     assert root["scale"] == [scale] * 3
     assert [node["name"] for node in parts] == written["objects"] + written["groups"]
     rays = draw_rays(small_map, None, 40).rays
@@ -150,17 +150,14 @@ def test_step_opens_with_names_in_millimetres(
     parts = read_step(tmp_path / "a.step")
     rays = draw_rays(small_map, None, 40).rays
     assert sum(parts[name][0] for name in written["groups"]) == rays.n_rays
-    scale = 1000 * METRES[small_map.directory.length_unit]
     for k, name in enumerate(written["groups"]):
         source = [f"rays {s.name}" for s in small_map.directory.sources].index(name)
         rows = np.repeat(rays.source, np.diff(rays.offsets)) == source
         box = np.array(parts[name][1])
         np.testing.assert_allclose(
-            box[:3], scale * rays.position[rows].min(axis=0), atol=1e-4 * scale, err_msg=str(k)
+            box[:3], rays.position[rows].min(axis=0), atol=1e-4, err_msg=str(k)
         )
-        np.testing.assert_allclose(
-            box[3:], scale * rays.position[rows].max(axis=0), atol=1e-4 * scale
-        )
+        np.testing.assert_allclose(box[3:], rays.position[rows].max(axis=0), atol=1e-4)
     assert "L1" in parts
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from raymap.errors import SceneError
+from raymap.units import length_scale
 from tracer.geometry.bodies import MeshBody
 from tracer.geometry.body import Body, FacePlan
 from tracer.importers.step_read import CadSolid, clean_name, read_step
@@ -24,9 +25,6 @@ if TYPE_CHECKING:
     from tracer.geometry.mesh import TriangleMesh
 
 __all__ = ["CadBody", "CadFileModel", "CadMeshBody", "merge_cad_file"]
-
-_PER_MM = {"mm": 1.0, "cm": 0.1, "m": 1e-3, "um": 1e3, "in": 1.0 / 25.4}
-"""Scene units in a millimetre."""
 
 
 class CadPart(Node):
@@ -149,7 +147,7 @@ def merge_cad_file(
             continue
         if full in present:
             raise SceneError(f"{place}: there is a body {full!r} in the scene already; rename it")
-        unit = _PER_MM[tree.get("length_unit", "mm")]
+        unit = length_scale("mm", tree.get("length_unit", "mm"))
         present[full] = _body(solid, model, str(path.resolve()), digest, unit)
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.errors import SceneError
+from raymap.units import length_scale
 from tracer.importers.bundles import Bundles, FieldOrigin
 from tracer.importers.codev import read_codev
 from tracer.importers.elements import Disc, Elements, build_elements
@@ -36,7 +37,6 @@ Array = NDArray[np.float64]
 LENS_SUFFIXES = {".zmx": read_zemax, ".seq": read_codev}
 """Readers of lens files by suffix."""
 
-_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4, "um": 1e-3}
 IMAGE_CELLS = 256
 BLACK = "black"
 SUBSTRATE = "substrate"
@@ -155,7 +155,7 @@ class ImportedLens:
     @property
     def scale(self) -> float:
         """Scene units in a unit of the file."""
-        return _MM[self.prescription.unit] / _MM[self.unit]
+        return length_scale(self.prescription.unit, self.unit)
 
     def _point(self, x: float, y: float, z: float) -> list[float]:
         origin, frame = self.placed.frame()
@@ -311,7 +311,8 @@ class ImportedLens:
         """Table of a detector that catches the image."""
         image = len(self.prescription.surfaces) - 1
         sign = (-1) ** sum(surface.mirror for surface in self.prescription.surfaces)
-        waves = 40e-6 / _MM[self.prescription.unit] * max(self.prescription.wavelengths_nm)
+        longest_mm = 1e-6 * max(self.prescription.wavelengths_nm)
+        waves = 40 * longest_mm * length_scale("mm", self.prescription.unit)
         half = max(1.2 * float(self.bundles.reach[image]), waves)
         given = self.prescription.surfaces[image].semi_diameter
         half = self.scale * max(half, 1.2 * given if given else 0.0)

@@ -25,7 +25,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.errors import SceneError
+from raymap.errors import RayMapError, SceneError
+from raymap.units import length_scale
 from tracer.light import IntensityGrid
 
 __all__ = ["LightPool", "PooledList", "length_in"]
@@ -36,10 +37,6 @@ Integers = NDArray[np.int64]
 LARGEST_PICTURE = 2**24
 """Most pixels of an emitting picture."""
 
-_METRES = {
-    "um": 1e-6, "µm": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254, "ft": 0.3048,
-}  # fmt: skip
-
 
 def length_in(unit: str, wanted: str) -> float:
     """How many ``wanted`` make one ``unit``.
@@ -49,10 +46,10 @@ def length_in(unit: str, wanted: str) -> float:
     SceneError
         for an unknown unit
     """
-    for name in (unit, wanted):
-        if name not in _METRES:
-            raise SceneError(f"unknown unit of length {name!r}; known are {', '.join(_METRES)}")
-    return 1.0 if unit == wanted else _METRES[unit] / _METRES[wanted]
+    try:
+        return length_scale(unit, wanted)
+    except RayMapError as error:
+        raise SceneError(str(error)) from None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

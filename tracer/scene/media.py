@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from raymap.directory import Medium
 from raymap.errors import RayMapError, SceneError
+from raymap.units import length_scale
 from tracer.optics import dispersion, phase
 from tracer.optics.glasses import Glass, find_glass
 from tracer.scene.fields import ByWavelength
@@ -20,7 +21,6 @@ __all__ = ["MediumTable", "medium_table", "refractive_index"]
 
 Array = NDArray[np.float64]
 
-_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 1e-3, "in": 25.4}
 """Millimetres in a scene unit."""
 
 _BUILT_IN = {"air": MediumModel(index=1.0), "vacuum": MediumModel(index=1.0)}  # type: ignore[arg-type]
@@ -82,7 +82,7 @@ def medium_table(scene: Scene, wavelengths_nm: Array) -> MediumTable:
         index[k] = refractive_index(model, wavelengths_nm, place)
         if model.glass is not None:
             glass = _glass(model, place)
-            absorption[k] = glass.absorption(wavelengths_nm) * _MM[scene.length_unit]
+            absorption[k] = glass.absorption(wavelengths_nm) * length_scale(scene.length_unit, "mm")
         if model.absorption is not None:
             absorption[k] = _at(model.absorption, wavelengths_nm, f"{place}.absorption")
         if model.scattering is not None:

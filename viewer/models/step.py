@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.errors import MissingExtra, RayMapError
-from viewer.export import METRES
+from raymap.units import length_scale
 from viewer.models.content import Content
 
 __all__ = ["write_step"]
@@ -32,7 +32,7 @@ def write_step(content: Content, path: Path) -> None:
     MissingExtra
         The OpenCASCADE binding is not installed.
     RayMapError
-        It could not write the file.
+        It could not write the file, or the map's unit of length is not known.
     """
     try:
         from OCP import IFSelect, Interface, STEPCAFControl, TCollection, TDocStd, XCAFDoc
@@ -40,7 +40,7 @@ def write_step(content: Content, path: Path) -> None:
         raise MissingExtra(
             "STEP files need OpenCASCADE, which is not installed: pip install 'raymap[cad]'"
         ) from None
-    scale = 1000.0 * METRES.get(content.length_unit, 1e-3)
+    scale = length_scale(content.length_unit, "mm")
     document = TDocStd.TDocStd_Document(TCollection.TCollection_ExtendedString("XmlOcaf"))
     parts = _Parts(XCAFDoc, document, content.title)
     for body in content.bodies:
