@@ -16,6 +16,7 @@ from viewer.state import Camera
 
 __all__ = [
     "STANDARD_VIEWS",
+    "UPWARD",
     "VIEW_ANGLE",
     "fit",
     "orbit",
@@ -41,6 +42,10 @@ STANDARD_VIEWS: dict[str, tuple[tuple[float, float, float], tuple[float, float, 
     "tilted": ((0.80, -0.35, 0.49), (0, 1, 0)),
 }
 """Viewing direction and upward direction by name; "side" has z to the right and y upward."""
+
+UPWARD = {"y": 0, "z": 1, "x": 2}
+"""Axes that may point upward, and by how many places they turn the standard views: with z upward
+x lies where z does with y upward, so that "side" has x to the right and "top" has x and y."""
 
 
 def view_axes(camera: Camera) -> tuple[Array, Array, Array]:
@@ -72,7 +77,13 @@ def _place(center: Array, forward: Array, up: Array, height: float, parallel: bo
 
 
 def standard_view(
-    name: str, box: Box, *, aspect: float, parallel: bool = True, margin: float = 1.08
+    name: str,
+    box: Box,
+    *,
+    aspect: float,
+    parallel: bool = True,
+    margin: float = 1.08,
+    up: str = "y",
 ) -> Camera:
     """See the whole of ``box`` (two corners) from a side.
 
@@ -80,10 +91,11 @@ def standard_view(
     ----------
     name : a key of `STANDARD_VIEWS`
     aspect : width / height of the picture
+    up : the axis that points upward, a key of `UPWARD`
     """
-    direction, up = (np.array(vector, float) for vector in STANDARD_VIEWS[name])
+    direction, upward = (np.roll(vector, UPWARD[up]) for vector in STANDARD_VIEWS[name])
     center = 0.5 * (box[0] + box[1])
-    camera = _place(center, direction / np.linalg.norm(direction), up, 1.0, parallel)
+    camera = _place(center, direction / np.linalg.norm(direction), upward, 1.0, parallel)
     return fit(camera, box, aspect=aspect, margin=margin)
 
 

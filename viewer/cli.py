@@ -38,6 +38,7 @@ def picture(
         ),
     ] = "natural",
     view: Annotated[str | None, typer.Option(help="side, top, front, back or tilted.")] = None,
+    up: Annotated[str, typer.Option(help="The axis that points upward: y, z or x.")] = "y",
     width: Annotated[int, typer.Option(help="Width in pixels.")] = 1600,
     height: Annotated[int, typer.Option(help="Height in pixels.")] = 900,
     section: Annotated[
@@ -86,6 +87,7 @@ def picture(
             rays=rays if session is None else state.rays,
             color=color if session is None else None,
             view=view,
+            up=up,
             size=(width, height),
             state=state,
         )

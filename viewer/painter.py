@@ -91,15 +91,20 @@ class Painter:
         return self.standard(None, shown, aspect)
 
     def standard(
-        self, name: str | None, shown: Shown | None, aspect: float, parallel: bool = True
+        self,
+        name: str | None,
+        shown: Shown | None,
+        aspect: float,
+        parallel: bool = True,
+        up: str = "y",
     ) -> Camera:
         """A standard view of everything; without a name, the side if the scene is long in z."""
         points = shown.lines.segments if shown is not None else np.empty((0, 2, 3), np.float32)
         box = scene_box(self.bodies, self.directory, points)
         if name is None:
             size = box[1] - box[0]
-            name = "side" if size[2] >= 0.8 * size[:2].max() else "tilted"
-        return standard_view(name, box, aspect=aspect, parallel=parallel)
+            name = "side" if up == "y" and size[2] >= 0.8 * size[:2].max() else "tilted"
+        return standard_view(name, box, aspect=aspect, parallel=parallel, up=up)
 
     # -- painting ------------------------------------------------------------------------------
 

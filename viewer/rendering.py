@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from raymap.errors import MissingExtra, RayMapError
 from raymap.replacing import replacing
-from viewer.camera import STANDARD_VIEWS
+from viewer.camera import STANDARD_VIEWS, UPWARD
 from viewer.scene import load_bodies
 from viewer.state import COLOR_RULES, ViewState
 
@@ -68,6 +68,7 @@ def picture(
     rays: int = 500,
     color: str | None = None,
     view: str | None = None,
+    up: str = "y",
     size: tuple[int, int] = (1600, 900),
     state: ViewState | None = None,
     paths: Sequence[tuple[str, str]] = (),
@@ -86,6 +87,7 @@ def picture(
     rays : draw at most so many, the same ones every time
     color : one of `viewer.state.COLOR_RULES`; None takes the rule of ``state``
     view : one of `viewer.camera.STANDARD_VIEWS`; None sees long scenes from the side
+    up : the axis that points upward in a standard view: y, z or x
     size : width and height [pixels]
     state : everything else (section, clip, opacities, camera …)
     paths : (criterion, label) of paths to be shown alone, one colour each
@@ -112,6 +114,8 @@ def picture(
         raise RayMapError(f"no colour rule {color!r}; there are {', '.join(COLOR_RULES)}")
     if view is not None and view not in STANDARD_VIEWS:
         raise RayMapError(f"no view {view!r}; there are {', '.join(STANDARD_VIEWS)}")
+    if up not in UPWARD:
+        raise RayMapError(f"no axis {up!r}; y, z or x points upward")
     _pillow()
     base = state or ViewState()
     if color is not None:
@@ -121,7 +125,7 @@ def picture(
     shown = painter.show(base, drawing.rays, drawing.labels)
     camera = base.camera
     if camera is None:
-        camera = painter.standard(view, shown, width / height, parallel=view != "tilted")
+        camera = painter.standard(view, shown, width / height, parallel=view != "tilted", up=up)
     pixels = painter.paint(base, shown, camera, width, height, supersampling=supersampling)
     if legend or caption:
         key = shown.legend if legend else replace(shown.legend, entries=())

@@ -14,6 +14,7 @@ from viewer.camera import (
     pan,
     screen_ray,
     standard_view,
+    view_axes,
     view_matrix,
     zoom,
 )
@@ -102,6 +103,31 @@ def test_from_the_side_light_travels_to_the_right() -> None:
     assert end[0] > start[0]
     assert above[1] < start[1]
     assert project(camera, np.array([7.0, 0, 0]))[0] == pytest.approx(start[0])
+
+
+@pytest.mark.parametrize(
+    ("view", "right", "upward"),
+    [
+        ("side", (1, 0, 0), (0, 0, 1)),
+        ("top", (1, 0, 0), (0, 1, 0)),
+        ("front", (0, -1, 0), (0, 0, 1)),
+    ],
+)
+def test_of_a_scene_whose_z_points_upward(
+    view: str, right: tuple[int, ...], upward: tuple[int, ...]
+) -> None:
+    axes = view_axes(standard_view(view, BOX, aspect=W / H, up="z"))
+    np.testing.assert_allclose(axes[:2], (right, upward), atol=1e-12)
+
+
+@pytest.mark.parametrize("up", ["x", "y", "z"])
+@pytest.mark.parametrize("view", sorted(STANDARD_VIEWS))
+def test_the_axis_named_points_upward_but_from_above(view: str, up: str) -> None:
+    camera = standard_view(view, BOX, aspect=W / H, up=up)
+    axis = np.eye(3)["xyz".index(up)]
+    right, upward, forward = view_axes(camera)
+    assert abs(right @ axis) < 1e-12
+    assert (-forward if view == "top" else upward) @ axis > 0.7
 
 
 def test_depth_grows_away_from_the_camera() -> None:
