@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from query.json_form import from_json
     from query.pictures import DetectorImage
     from query.ray_report import report
-    from query.rays_at import rays_at, write_ray_file
+    from query.rays_at_place import rays_at, write_ray_file
     from query.scan import Progress
     from query.selection import Selection
     from query.selector import select, select_many
@@ -79,14 +79,14 @@ _LAZY = {
     "illuminated": "query.illumination",
     "parse": "query.grammar",
     "path_table": "query.tables",
-    "rays_at": "query.rays_at",
+    "rays_at": "query.rays_at_place",
     "report": "query.ray_report",
     "select": "query.selector",
     "select_many": "query.selector",
     "sweep": "query.sweeps",
     "translate": "query.filter_strings",
     "write_image": "query.image_files",
-    "write_ray_file": "query.rays_at",
+    "write_ray_file": "query.rays_at_place",
 }
 
 __all__ = [

@@ -46,7 +46,7 @@ def rayfile(
     strict: Strict = False,
 ) -> None:
     """Write the light that reaches a face or detector as a ray file, to be a source elsewhere."""
-    from query.rays_at import write_ray_file
+    from query.rays_at_place import write_ray_file
     from query.selector import select
 
     with opened_map(map, strict) as ray_map:

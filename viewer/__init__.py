@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from viewer.app import view
     from viewer.charts import chart
     from viewer.models import export_3d
-    from viewer.plotter import plotter
+    from viewer.pyvista_view import plotter
     from viewer.rendering import picture
     from viewer.state import Camera, Clip, Section, ViewState, load_state, save_state
 
@@ -25,7 +25,7 @@ _HOME = {
     "export_3d": "viewer.models",
     "load_state": "viewer.state",
     "picture": "viewer.rendering",
-    "plotter": "viewer.plotter",
+    "plotter": "viewer.pyvista_view",
     "save_state": "viewer.state",
     "view": "viewer.app",
 }

@@ -198,9 +198,3 @@ def test_the_version_is_that_of_the_package():
     done = CliRunner().invoke(application(), ["--version"])
     assert (done.exit_code, done.stdout) == (0, f"raymap {raymap.__version__}\n")
     assert metadata.version("raymap") == raymap.__version__
-
-
-def test_public_names():
-    assert sorted(raymap.__all__) == sorted(set(raymap.__all__))
-    for name in raymap.__all__:
-        assert getattr(raymap, name) is not None

@@ -11,7 +11,7 @@ import pytest
 import query
 import raymap
 import tracer
-from query.rays_at import write_ray_file
+from query.rays_at_place import write_ray_file
 from raymap.errors import SceneError
 
 FILES = Path(__file__).parents[1] / "data" / "photometry"
