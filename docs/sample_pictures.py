@@ -365,7 +365,7 @@ def lens(folder: Path) -> None:
         [matrix.faces[k] for k in order[::-1]], 100 * part[order[::-1]] / matrix.total,
         color="#e8a33d",
     )  # fmt: skip
-    right.set_xlabel("share of the ghost light that it takes part in [%]")
+    right.set_xlabel("takes part in this share of the ghosts [%]")
     right.tick_params(labelsize=9)
     buffer = io.BytesIO()
     figure.savefig(buffer, dpi=100, facecolor=DARK)

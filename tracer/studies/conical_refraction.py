@@ -138,7 +138,8 @@ def conical_checks(scene: ConicalScene, folder: Path | None) -> Iterator[Check]:
     half = 2.6 * radius + 0.5 * scene.screen_distance * scene.hole_radius / scene.filter_thickness
     if folder is not None:
         picture = "conical_refraction.png"
-        both = [_image(one, scene.pixels, half) for one in (rays, turned)]
+        # The ring lies beside the axis, up to the edge of this square: show a margin around it
+        both = [_image(one, scene.pixels, 1.2 * half) for one in (rays, turned)]
         scale = float(np.quantile(both[0], 0.998))
         write_png(folder / picture, to_bytes(np.concatenate(both, axis=1) / scale))
 
