@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from tracer.scene.load import load_scene, parse_scene
+from tracer.studies.check_text import check_lines
 from tracer.studies.lens import examine, first_order
 
 SAMPLE = Path(__file__).parents[2] / "samples" / "double_gauss.toml"
@@ -60,3 +61,49 @@ def test_check_reports_what_the_scene_holds() -> None:
     assert report["efl"] == pytest.approx(100.0037, abs=5e-5)
     assert list(report["bodies"])[:3] == ["L1", "L2", "L3"]
     assert len(report["channels"]) == 11
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ('kind = "cylinder"\nradius = 1\nlength = 3\nposition = [0, 0, 3]', "stands on the axis"),
+        ('kind = "cylinder"\nradius = 1\nlength = 3\nposition = [4, 0, 3]', ""),
+        ('kind = "cylinder"\nradius = 1\nlength = 3\nposition = [0, 0, 30]', ""),
+        (
+            'kind = "lens"\nthickness = 1\nposition = [0, 0, 3]\ndiameter = 2\n'
+            "front = { radius = 5 }\nback = { radius = inf }",
+            "L2.front lies before L1.back",
+        ),
+    ],
+)
+def test_solids_among_the_lenses_leave_no_focal_length(body: str, message: str) -> None:
+    scene = parse_scene(
+        """
+length_unit = "mm"
+[media.glass]
+index = 1.5
+[bodies.L1]
+kind = "lens"
+medium = "glass"
+thickness = 10
+diameter = 20
+front = { radius = 50 }
+back = { radius = -50 }
+[sources.lamp]
+kind = "point"
+position = [0, 0, -50]
+[bodies.L2]
+medium = "air"
+priority = 1
+"""
+        + body
+    )
+    report = examine(scene)
+    if message:
+        assert message in report["first order"]
+    else:
+        assert report["efl"] == pytest.approx(51.7, abs=0.1)
+    lines = check_lines(report)
+    assert not any("None" in line for line in lines)
+    assert not message or any(line.startswith("first order: not available") for line in lines)
+    assert message or any(line.startswith("efl: 51.") and line.endswith(" mm") for line in lines)

@@ -79,7 +79,9 @@ class FaceTable:
         """Index of a surface by name; the default of solids is bare, of sheets there is none."""
         if name is None:
             if not solid:
-                raise self.fail(f"{place}.surface", "is missing; name one of [surfaces.…]")
+                raise self.fail(
+                    f"{place}.surface", 'is missing; name one of [surfaces.…], or say "absorber"'
+                )
             name = "bare"
         if name not in self.surface_names:
             builtin = {

@@ -9,7 +9,13 @@ __all__ = ["check_lines"]
 _SHOWN = 12
 """Names of one kind that are written out; of more the first ones and the last."""
 
-_PLAIN = ("scene", "title", "sources", "bodies", "media", "detectors", "channels", "design")
+_PLAIN = (
+    "scene", "title", "length_unit", "sources", "bodies", "media", "detectors", "channels",
+    "design",
+)  # fmt: skip
+_LENGTHS = (
+    "efl", "bfl", "entrance_pupil", "entrance_diameter", "exit_pupil", "exit_diameter",
+)  # fmt: skip
 
 
 def check_lines(report: dict[str, Any]) -> list[str]:
@@ -27,8 +33,11 @@ def check_lines(report: dict[str, Any]) -> list[str]:
     lines += [f"  {text}: {_names(names)}" for text, names in groups.items()]
     for key in ("media", "detectors", "channels"):
         lines += [f"{key}: {_names(report[key])}"]
-    numbers = {key: value for key, value in report.items() if key not in _PLAIN}
-    lines += [f"{key}: {_value(value)}" for key, value in numbers.items()]
+    units = dict.fromkeys(_LENGTHS, f" {report['length_unit']}") | {"wavelength_nm": " nm"}
+    for key, value in report.items():
+        if key not in _PLAIN and value is not None:
+            name = key.removesuffix("_nm").replace("_", " ")
+            lines.append(f"{name}: {_value(value)}{units.get(key, '')}")
     if "design" in report:
         lines += _design(report["design"])
     return lines

@@ -9,13 +9,14 @@ y' = y + u' d.
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from raymap.directory import Directory
 from raymap.errors import SceneError
-from tracer.geometry.bodies import RingBody
+from tracer.geometry.bodies import MeshBody, RingBody
 from tracer.geometry.body import Body
 from tracer.geometry.lens_body import LensBody
 from tracer.scene.media import refractive_index
@@ -67,7 +68,7 @@ def axial_surfaces(
     Raises
     ------
     SceneError
-        if there is no lens, or a lens is not on the z axis
+        if there is no lens, a lens is not on the z axis, or solids lie in one another there
     """
     from tracer.scene.compile import resolve_bodies
 
@@ -102,8 +103,36 @@ def axial_surfaces(
                     name=f"{name}.back",
                 )
             )
+    _refuse_nested(scene, bodies, surfaces)
     stops = [b for b in bodies.values() if isinstance(b, RingBody) and b.stop]
     return surfaces, (stops[0] if stops else None), world
+
+
+def _refuse_nested(scene: Scene, bodies: dict[str, Body], surfaces: list[AxialSurface]) -> None:
+    """Refuse lenses in one another, and other solids on the axis among them.
+
+    Raises
+    ------
+    SceneError
+    """
+    for before, after in pairwise(surfaces):
+        if after.z < before.z - 1e-9:
+            raise SceneError(
+                f"{scene.origin}: {after.name} lies before {before.name}: these numbers are for "
+                "lenses that light meets one after the other"
+            )
+    low, high = surfaces[0].z, surfaces[-1].z
+    for name, body in bodies.items():
+        if body.medium is None or isinstance(body, LensBody | MeshBody):
+            continue
+        boxes = [shape.bounds() for plan in body.plan() for shape in plan.shapes]
+        least = np.min([box[0] for box in boxes], axis=0)
+        most = np.max([box[1] for box in boxes], axis=0)
+        if np.all(least[:2] < 0.0) and np.all(most[:2] > 0.0) and least[2] < high and most[2] > low:
+            raise SceneError(
+                f"{scene.origin}: bodies.{name}: stands on the axis among the lenses; these "
+                "numbers are for lenses alone"
+            )
 
 
 def on_axis(body: Body) -> bool:
@@ -191,6 +220,7 @@ def _parts(scene: Scene, directory: Directory, channels: list[str]) -> dict[str,
     return {
         "scene": scene.origin,
         "title": scene.title,
+        "length_unit": scene.length_unit,
         "sources": [
             f"{entry.name} ({'on' if model.on else 'off'}, {entry.flux:g} {scene.flux_unit})"
             for entry, model in zip(directory.sources, models, strict=True)
