@@ -24,7 +24,7 @@ import struct
 import warnings
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,28 @@ VERSION = 2013
 _VERSIONS = (2013, 2020)
 _FIXED = struct.Struct("<4siiffQ28siifffiii168x")
 _FLAGS = struct.Struct("<8i")
+
+
+class _Header(NamedTuple):
+    """The first 256 bytes of a file (TM-25-13, 4.7.1)."""
+
+    magic: bytes
+    version: int
+    creation_method: int
+    luminous_flux: float
+    radiant_flux: float
+    rays: int
+    date: bytes
+    start_position: int
+    spectral_kind: int
+    wavelength_nm: float
+    least_nm: float
+    greatest_nm: float
+    tables: int
+    columns: int
+    text_bytes: int
+
+
 _TEXT_BYTES = 4000
 _LABEL_BYTES = 512
 _TABLES_AT = 256 + 32 + 9 * _TEXT_BYTES
@@ -85,19 +107,19 @@ def read(path: Path) -> RaySet:
                 f"{path.name}: {size} bytes are too few for the header of a TM-25 file "
                 f"({_TABLES_AT})"
             )
-        head = _FIXED.unpack(file.read(_FIXED.size))
+        head = _Header._make(_FIXED.unpack(file.read(_FIXED.size)))
         flags = _FLAGS.unpack(file.read(_FLAGS.size))
         _check_head(path.name, head, flags)
         texts = [_text(file.read(_TEXT_BYTES), path.name) for _ in TEXTS]
-        spectra = _tables(file, head[12], size, path.name)
-        extra, text_bytes = head[13], head[14]
+        spectra = _tables(file, head.tables, size, path.name)
+        extra, text_bytes = head.columns, head.text_bytes
         if file.tell() + extra * _LABEL_BYTES + text_bytes > size:
             raise RayFileError(f"{path.name}: ends within the header; {_AGAIN}")
         file.seek(extra * _LABEL_BYTES + text_bytes, 1)
         names = [name for flag, group in zip(flags, _FLAG_COLUMNS, strict=True) if flag
                  for name in group]  # fmt: skip
         width = len(names) + extra
-        start, rays = file.tell(), head[5]
+        start, rays = file.tell(), head.rays
         if start + rays * width * 4 != size:
             raise RayFileError(
                 f"{path.name}: its header promises {rays} rays of {width} numbers, that is "
@@ -111,16 +133,19 @@ def read(path: Path) -> RaySet:
 _AGAIN = "get it again, or the file is of another version"
 
 
-def _check_head(name: str, head: tuple[object, ...], flags: tuple[int, ...]) -> None:
+def _check_head(name: str, head: _Header, flags: tuple[int, ...]) -> None:
     """Refuse headers that contradict themselves (TM-25-13, 4.7.1 and 4.7.2)."""
-    magic, version, rays, spectral = head[0], head[1], head[5], head[8]
-    tables, extra, text_bytes = int(head[12]), int(head[13]), int(head[14])  # type: ignore[call-overload]
+    spectral, tables, extra, text_bytes = (
+        head.spectral_kind, head.tables, head.columns, head.text_bytes,
+    )  # fmt: skip
     trouble = ""
-    if magic != MAGIC:
+    if head.magic != MAGIC:
         raise RayFileError(f"{name}: is no TM-25 file (it does not begin with TM25)")
-    if version not in _VERSIONS:
-        raise RayFileError(f"{name}: TM-25 version {version} is not known; known are 2013 and 2020")
-    if rays == 0:
+    if head.version not in _VERSIONS:
+        raise RayFileError(
+            f"{name}: TM-25 version {head.version} is not known; known are 2013 and 2020"
+        )
+    if head.rays == 0:
         raise RayFileError(f"{name}: its header promises no rays")
     if any(flag not in (0, 1) for flag in flags):
         trouble = f"flags must be 0 or 1, are {list(flags)}"
@@ -128,7 +153,7 @@ def _check_head(name: str, head: tuple[object, ...], flags: tuple[int, ...]) -> 
         trouble = "positions or directions are missing"
     elif not (flags[2] or flags[4]):
         trouble = "there is neither radiant nor luminous flux"
-    elif not 0 <= int(spectral) <= 4:  # type: ignore[call-overload]
+    elif not 0 <= spectral <= 4:
         trouble = f"spectral data of kind {spectral}; kinds are 0 to 4"
     elif spectral == 2 and not flags[3]:
         trouble = "spectral data of kind 2, but no column of wavelengths"
@@ -165,7 +190,7 @@ def _tables(file: BinaryIO, count: int, size: int, name: str) -> list[Spectrum]:
 
 def _ray_set(
     name: str,
-    head: tuple[object, ...],
+    head: _Header,
     columns: dict[str, Floats],
     spectra: list[Spectrum],
     texts: list[str],
@@ -176,8 +201,8 @@ def _ray_set(
     radiant, luminous = columns.get("radiant"), columns.get("luminous")
     flux = radiant if radiant is not None else columns["luminous"]
     wavelength = columns.get("wavelength")
-    if wavelength is None and head[8] == 1:
-        wavelength = np.full(len(flux), head[9], np.float32)
+    if wavelength is None and head.spectral_kind == 1:
+        wavelength = np.full(len(flux), head.wavelength_nm, np.float32)
     spectrum = None
     if "index" in columns:
         index = columns["index"]
@@ -204,7 +229,8 @@ def _ray_set(
         ),
         name,
     )
-    _compare_total(name, float(head[4 if radiant is not None else 3]), found)  # type: ignore[arg-type]
+    stated = head.luminous_flux if radiant is None else head.radiant_flux
+    _compare_total(name, stated, found)
     return found
 
 
@@ -298,22 +324,22 @@ class Tm25Writer:
             spectral = 3 if like.spectrum is None else 4
         known = self._high > 0 and spectral >= 2
         luminous = math.nan if radiant and like.luminous_flux is None else self._luminous
-        head = _FIXED.pack(
-            MAGIC,
-            VERSION,
-            0,
-            luminous if radiant else self._flux,
-            self._flux if radiant else math.nan,
-            self._n,
-            datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S+00:00").encode(),
-            0,
-            spectral,
-            math.nan,
-            self._low if known else math.nan,
-            self._high if known else math.nan,
-            len(like.spectra),
-            0,
-            0,
+        head = _Header(
+            magic=MAGIC,
+            version=VERSION,
+            creation_method=0,
+            luminous_flux=luminous if radiant else self._flux,
+            radiant_flux=self._flux if radiant else math.nan,
+            rays=self._n,
+            date=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S+00:00").encode(),
+            start_position=0,
+            spectral_kind=spectral,
+            wavelength_nm=math.nan,
+            least_nm=self._low if known else math.nan,
+            greatest_nm=self._high if known else math.nan,
+            tables=len(like.spectra),
+            columns=0,
+            text_bytes=0,
         )
         flags = _FLAGS.pack(
             1,
@@ -327,7 +353,7 @@ class Tm25Writer:
         )
         texts = {"name": like.title, "ray_file_creator": "Raymap"} | like.description
         self._file.seek(0)
-        self._file.write(head + flags)
+        self._file.write(_FIXED.pack(*head) + flags)
         for key in TEXTS:
             raw = texts.get(key, "").encode("utf-32-le")[:_TEXT_BYTES]
             self._file.write(raw + bytes(_TEXT_BYTES - len(raw)))

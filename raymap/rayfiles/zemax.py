@@ -13,7 +13,7 @@ from __future__ import annotations
 import struct
 import warnings
 from pathlib import Path
-from typing import BinaryIO, Literal
+from typing import BinaryIO, Literal, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,41 @@ IDENTIFIERS = {1: 8675309, 2: 1010}
 """First number of the file by version."""
 
 _HEADER = struct.Struct("<iI100s7fI13f4i")
+
+
+class _Header(NamedTuple):
+    """Fields of ``NSC_RAY_DATA_HEADER``, with what is written into those that nobody uses."""
+
+    identifier: int
+    rays: int
+    description: bytes
+    source_flux: float
+    ray_set_flux: float
+    wavelength_um: float = 0.0
+    inclination_begin: float = 0.0
+    inclination_end: float = 180.0
+    azimuth_begin: float = 0.0
+    azimuth_end: float = 360.0
+    length_unit: int = 4
+    place_x: float = 0.0
+    place_y: float = 0.0
+    place_z: float = 0.0
+    rotation_x: float = 0.0
+    rotation_y: float = 0.0
+    rotation_z: float = 0.0
+    scale_x: float = 1.0
+    scale_y: float = 1.0
+    scale_z: float = 1.0
+    unused_1: float = 0.0
+    unused_2: float = 0.0
+    unused_3: float = 0.0
+    unused_4: float = 0.0
+    ray_kind: int = 0
+    flux_unit: int = 0
+    reserved_1: int = 0
+    reserved_2: int = 0
+
+
 _UNITS = ("m", "in", "cm", "ft", "mm")
 _MOST_RAYS = 4_000_000_000
 _FLUX_ONLY, _SPECTRAL = 0, 2
@@ -57,8 +92,8 @@ def _read_binary(path: Path) -> RaySet:
             f"({_HEADER.size})"
         )
     with path.open("rb") as file:
-        head = _HEADER.unpack(file.read(_HEADER.size))
-        rays, unit, kind, flux_type = head[1], head[10], head[24], head[25]
+        head = _Header._make(_HEADER.unpack(file.read(_HEADER.size)))
+        rays, unit, kind, flux_type = head.rays, head.length_unit, head.ray_kind, head.flux_unit
         if kind not in (_FLUX_ONLY, _SPECTRAL):
             raise RayFileError(
                 f"{name}: rays of kind {kind}; kinds are 0 (flux only) and 2 (spectral)"
@@ -80,16 +115,17 @@ def _read_binary(path: Path) -> RaySet:
                 f"{held:.6g}; get it again"
             )
     table = np.memmap(path, "<f4", "r", offset=_HEADER.size, shape=(rays, width))
-    single = head[5] if kind == _FLUX_ONLY and 0.1 <= head[5] <= 100.0 else None
+    known = kind == _FLUX_ONLY and 0.1 <= head.wavelength_um <= 100.0
+    single = head.wavelength_um if known else None
     found = _ray_set(table, name, _UNITS[unit], "lm" if flux_type else "W", single)
-    total, stated = found.total_flux, head[4]
+    total, stated = found.total_flux, head.ray_set_flux
     if stated > 0 and abs(stated - total) > 0.01 * max(stated, total):
         warnings.warn(
             f"{name}: its header states {stated:.6g} {found.flux_unit}, its rays carry "
             f"{total:.6g} {found.flux_unit}; the rays count",
             stacklevel=3,
         )
-    title = head[2].split(b"\0", 1)[0].decode("latin-1").strip()
+    title = head.description.split(b"\0", 1)[0].decode("latin-1").strip()
     return RaySet(**{**vars(found), "title": title})
 
 
@@ -188,21 +224,15 @@ class ZemaxWriter:
     def finish(self) -> None:
         """Enter the header."""
         spectral = self._like.wavelength_nm is not None
-        head = _HEADER.pack(
-            IDENTIFIERS[self._version],
-            self._n,
-            (self._like.title or "written by Raymap").encode("latin-1", "replace")[:99],
-            self._flux,
-            self._flux,
-            *(0.0, 0.0, 180.0, 0.0, 360.0),
-            _UNITS.index(self._unit),
-            *(0.0,) * 6,
-            *(1.0,) * 3,
-            *(0.0,) * 4,
-            _SPECTRAL if spectral else _FLUX_ONLY,
-            1 if self._like.flux_unit == "lm" else 0,
-            0,
-            0,
+        head = _Header(
+            identifier=IDENTIFIERS[self._version],
+            rays=self._n,
+            description=(self._like.title or "written by Raymap").encode("latin-1", "replace")[:99],
+            source_flux=self._flux,
+            ray_set_flux=self._flux,
+            length_unit=_UNITS.index(self._unit),
+            ray_kind=_SPECTRAL if spectral else _FLUX_ONLY,
+            flux_unit=1 if self._like.flux_unit == "lm" else 0,
         )
         self._file.seek(0)
-        self._file.write(head)
+        self._file.write(_HEADER.pack(*head))
