@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -19,6 +19,9 @@ from query.cli_options import (
 from query.cli_rayfile import rayfile
 from query.cli_studies import audit, compare, ghosts, illuminated, sweep
 from raymap.cli import Json, MapPath, Panel, Strict, emit_json, opened_map
+
+if TYPE_CHECKING:
+    from raymap.reader import RayMap
 
 __all__ = ["register"]
 
@@ -109,7 +112,7 @@ def query(
         emit_json(answer)
 
 
-def _explain(ray_map: Any, asked: Any, threads: int | None, json: bool) -> None:
+def _explain(ray_map: RayMap, asked: Any, threads: int | None, json: bool) -> None:
     from query.explanation import explain
 
     explanation = explain(ray_map, asked, threads=threads)

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from contextlib import AbstractContextManager, nullcontext
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+if TYPE_CHECKING:
+    from raymap.reader import RayMap
 
 __all__ = [
     "Criterion",
@@ -41,7 +44,7 @@ def workers(scheduler: str | None) -> AbstractContextManager[Any]:
     return scheduler_executor(scheduler)
 
 
-def read_criterion(text: str | None, map: Any, is_filter: bool) -> Any:
+def read_criterion(text: str | None, map: RayMap, is_filter: bool) -> Any:
     """The criterion of a command line; a filter string is translated with the map's names."""
     if text is None or not is_filter:
         return text

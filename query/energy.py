@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,9 @@ from query.path_sums import sum_over_paths
 from query.scan import Cancel
 from query.tally import Tally, source_factors, variances
 from raymap.events import Event
+
+if TYPE_CHECKING:
+    from raymap.reader import RayMap
 
 __all__ = ["CLASSES", "Audit", "audit"]
 
@@ -84,7 +87,7 @@ class Audit:
 
 
 def audit(
-    map: Any, criterion: object = None, *, threads: int | None = None, cancel: Cancel = None
+    map: RayMap, criterion: object = None, *, threads: int | None = None, cancel: Cancel = None
 ) -> Audit:
     """Where the light of each source ended: by class, object and medium.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from query import criteria as c
 from query.bind import Binder
@@ -12,6 +12,9 @@ from query.bound import BoundEverything, BoundNode
 from query.builders import as_criterion
 from query.reasons import reason_for_nothing
 from query.scan import Cancel, Scan, map_facts
+
+if TYPE_CHECKING:
+    from raymap.reader import RayMap
 
 __all__ = ["Explanation", "Step", "explain"]
 
@@ -120,7 +123,7 @@ def _children(node: c.Criterion) -> tuple[c.Criterion, ...]:
 
 
 def explain(
-    map: Any, criterion: object, *, threads: int | None = None, cancel: Cancel = None
+    map: RayMap, criterion: object, *, threads: int | None = None, cancel: Cancel = None
 ) -> Explanation:
     """Say how a criterion is answered and how many rays satisfy each of its parts.
 
@@ -162,7 +165,7 @@ def explain(
     )
 
 
-def _stream_bytes(map: Any, portions: list[int], node: BoundNode) -> dict[str, int]:
+def _stream_bytes(map: RayMap, portions: list[int], node: BoundNode) -> dict[str, int]:
     """Stored bytes of what must be read, by name."""
     if not portions:
         return {}

@@ -23,7 +23,7 @@ Operators: ``!`` not, ``&`` and, ``^`` xor, ``|`` or, parentheses.
 from __future__ import annotations
 
 import re
-from typing import Any
+from typing import TYPE_CHECKING
 
 from query import criteria as c
 from query.builders import count, event, hit, last, path, source, wavelength
@@ -31,6 +31,9 @@ from query.grammar import mark, parse
 from query.names import PATH_SPECIAL, escape
 from raymap.directory import Directory
 from raymap.errors import CriterionError
+
+if TYPE_CHECKING:
+    from raymap.reader import RayMap
 
 __all__ = ["translate"]
 
@@ -44,7 +47,7 @@ _REFUSED = {
 _MAX_DEPTH = 60
 
 
-def translate(text: str, map: Any) -> c.Criterion:
+def translate(text: str, map: RayMap | Directory) -> c.Criterion:
     """A filter string as a criterion.
 
     Parameters
@@ -61,7 +64,7 @@ def translate(text: str, map: Any) -> c.Criterion:
 
 
 class _Translator:
-    def __init__(self, text: str, map: Any) -> None:
+    def __init__(self, text: str, map: RayMap | Directory) -> None:
         self.text = text
         self.map = None if isinstance(map, Directory) else map
         self.directory: Directory = map if isinstance(map, Directory) else map.directory

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from html import escape
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,9 @@ from query.scan import Cancel
 from query.scans import count_of_ray
 from query.tally import Tally, source_factors, sums, variances
 from raymap.events import Event
+
+if TYPE_CHECKING:
+    from raymap.reader import RayMap
 
 __all__ = ["GhostMatrix", "ghost_matrix"]
 
@@ -101,7 +104,7 @@ class GhostMatrix:
 
 
 def ghost_matrix(
-    map: Any,
+    map: RayMap,
     detector: str | None = None,
     criterion: object = None,
     *,
@@ -163,7 +166,7 @@ def _reflecting(
 
 
 def _matrix(
-    map: Any,
+    map: RayMap,
     codes: NDArray[np.int64],
     tally: Tally,
     emitted: NDArray[np.int64],

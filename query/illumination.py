@@ -9,7 +9,7 @@ Optics, vol. I, ch. 38, Optical Society of America, 1995).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,9 @@ from query.scan import Cancel
 from query.tally import Tally, source_factors
 from raymap.events import FAMILIES
 from raymap.kernels import kernel
+
+if TYPE_CHECKING:
+    from raymap.reader import RayMap
 
 __all__ = ["Illumination", "ObjectLight", "illuminated"]
 
@@ -146,7 +149,7 @@ def _lights(
 
 
 def illuminated(
-    map: Any,
+    map: RayMap,
     detector: str,
     criterion: object = None,
     *,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,9 @@ from raymap.directory import Detector
 from raymap.errors import RayMapError
 from raymap.schema import COLOR_SCALE
 
+if TYPE_CHECKING:
+    from raymap.reader import RayMap
+
 __all__ = ["detector_image", "detector_images"]
 
 Floats = NDArray[np.float64]
@@ -31,7 +34,7 @@ _MAX_VALUES = 2**28
 
 
 def detector_image(
-    map: Any,
+    map: RayMap,
     detector: str,
     criterion: object = None,
     *,
@@ -64,7 +67,7 @@ def detector_image(
 
 
 def detector_images(
-    map: Any,
+    map: RayMap,
     detector: str,
     layers: Mapping[str, object],
     *,
@@ -116,7 +119,7 @@ def detector_images(
 
 
 def _accumulate(
-    map: Any,
+    map: RayMap,
     nodes: list[BoundNode],
     detector: tuple[int, int],
     shape: tuple[int, int, int],
@@ -201,7 +204,7 @@ def _cells(
     return _Cells(cell, sums, squares, np.bincount(inverse, minlength=len(cell)))
 
 
-def _detector_index(map: Any, name: str) -> int:
+def _detector_index(map: RayMap, name: str) -> int:
     from query.names import unknown
 
     names = [detector.name for detector in map.directory.detectors]
@@ -210,7 +213,7 @@ def _detector_index(map: Any, name: str) -> int:
     return names.index(name)
 
 
-def _shape(map: Any, detector: Detector, n_layers: int) -> tuple[int, int, int]:
+def _shape(map: RayMap, detector: Detector, n_layers: int) -> tuple[int, int, int]:
     used = {portion.channel_set for portion in map.portions} or {0}
     sizes = {map.channel_sets[number].n_channels for number in used if map.channel_sets}
     if len(sizes) > 1:
@@ -228,7 +231,7 @@ def _shape(map: Any, detector: Detector, n_layers: int) -> tuple[int, int, int]:
     return shape
 
 
-def _from_results(map: Any, detector: Detector, bin: int) -> DetectorImage:
+def _from_results(map: RayMap, detector: Detector, bin: int) -> DetectorImage:
     """The detector's own sums, of a map that stores no rays."""
     result = map.detector_result(detector.name)
     if result is None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -13,13 +13,16 @@ from query.search import Found
 from query.selector import bind_all
 from query.tally import Tally
 
+if TYPE_CHECKING:
+    from raymap.reader import RayMap
+
 __all__ = ["sum_over_paths"]
 
 T = TypeVar("T")
 
 
 def sum_over_paths(
-    map: Any,
+    map: RayMap,
     criterion: object,
     reduce: Callable[[PathContext, Tally], T],
     *,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,9 @@ from query.path_keys import Keys, path_keys
 from query.scan import Cancel, Scan
 from query.search import Found
 from query.tally import source_factors, sums
+
+if TYPE_CHECKING:
+    from raymap.reader import RayMap
 
 __all__ = ["find_peaks", "registrations"]
 
@@ -37,7 +40,7 @@ def registrations(found: Found, number: int, detector: int) -> tuple[Ints, NDArr
 
 
 def find_peaks(
-    map: Any,
+    map: RayMap,
     node: BoundNode,
     keys: Keys,
     by: str,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,10 +13,13 @@ from raymap.portion import Portion
 from raymap.rows import take_rays
 from raymap.schema import COLOR_SCALE, NORMAL_SCALE, UV_SCALE
 
+if TYPE_CHECKING:
+    from raymap.reader import RayMap
+
 __all__ = ["report"]
 
 
-def report(map: Any, ray_id: int) -> dict[str, Any]:
+def report(map: RayMap, ray_id: int) -> dict[str, Any]:
     """Everything that is recorded of one ray.
 
     Returns

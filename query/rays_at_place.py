@@ -24,6 +24,7 @@ from raymap.schema import COLOR_SCALE
 
 if TYPE_CHECKING:
     from query.selection import Selection
+    from raymap.reader import RayMap
 
 __all__ = ["Coloring", "Meetings", "rays_at", "write_ray_file"]
 
@@ -163,7 +164,7 @@ class _Place:
     normal: Floats | None = None
 
 
-def _find_place(ray_map: Any, at: str, leaving: bool) -> _Place:
+def _find_place(ray_map: RayMap, at: str, leaving: bool) -> _Place:
     directory = ray_map.directory
     names = [detector.name for detector in directory.detectors]
     if at not in names:
@@ -259,7 +260,7 @@ def _palette(stored: Any, channels: Any) -> _Palette:
 
 
 def _ray_set(
-    ray_map: Any,
+    ray_map: RayMap,
     point: Floats,
     direction: Floats,
     flux: Floats,

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,9 @@ from query.evaluate import evaluate
 from query.search import Found, PathVerdicts, search_portion
 from query.tally import Tally
 from raymap.errors import DamagedPortion
+
+if TYPE_CHECKING:
+    from raymap.reader import RayMap
 
 __all__ = ["Cancel", "Progress", "Scan", "Totals", "default_threads", "map_facts"]
 
@@ -55,7 +58,7 @@ def default_threads() -> int:
     return os.cpu_count() or 1
 
 
-def map_facts(map: Any) -> MapFacts:
+def map_facts(map: RayMap) -> MapFacts:
     """What binding needs to know of an open map."""
     return MapFacts(
         directory=map.directory,
@@ -123,7 +126,7 @@ class Scan:
 
     def __init__(
         self,
-        map: Any,
+        map: RayMap,
         nodes: Sequence[BoundNode],
         *,
         rays: bool = False,

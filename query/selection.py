@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from functools import cached_property
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,9 @@ from query.scans import number_rays
 from query.tally import Estimate, Tally, estimate
 from raymap.portion import Portion
 from raymap.rows import take_rays
+
+if TYPE_CHECKING:
+    from raymap.reader import RayMap
 
 __all__ = ["Selection"]
 
@@ -39,7 +42,7 @@ class Selection:
 
     def __init__(
         self,
-        map: Any,
+        map: RayMap,
         node: BoundNode,
         criterion: object,
         scan: Scan,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,12 +20,15 @@ from query.sharded import scan_shards, worth_spreading
 from query.tally import Tally
 from raymap.errors import CriterionError
 
+if TYPE_CHECKING:
+    from raymap.reader import RayMap
+
 Ids = NDArray[np.int64]
 
 __all__ = ["bind_all", "select", "select_many"]
 
 
-def bind_all(map: Any, criteria: Sequence[object]) -> list[BoundNode]:
+def bind_all(map: RayMap, criteria: Sequence[object]) -> list[BoundNode]:
     """Bind criteria in any spelling to a map; None stands for every ray."""
     binder = Binder(map_facts(map))
     bound: list[BoundNode] = []
@@ -39,7 +42,7 @@ def bind_all(map: Any, criteria: Sequence[object]) -> list[BoundNode]:
 
 
 def select(
-    map: Any,
+    map: RayMap,
     criterion: object = None,
     *,
     limit: int | None = None,
@@ -101,7 +104,7 @@ def select(
 
 
 def _spread(
-    map: Any,
+    map: RayMap,
     node: BoundNode,
     criterion: object,
     executor: Executor,
@@ -135,7 +138,7 @@ def _spread(
 
 
 def select_many(
-    map: Any,
+    map: RayMap,
     criteria: Sequence[object],
     *,
     rays: bool = True,
@@ -179,7 +182,7 @@ def _first(scan: Scan, node: BoundNode, criterion: object, limit: int) -> Select
             ids = np.concatenate([numbers for _, numbers in found])
             reach = int(np.partition(ids, limit - 1)[limit - 1])
         done = len(scan.served) + len(scan.damaged)
-        if done >= len(wanted) or portions[wanted[done]].first_ray > reach:
+        if done >= len(wanted) or (reach is not None and portions[wanted[done]].first_ray > reach):
             break
     tally = _trim(scan, found, reach)
     lost = set(scan.damaged)

@@ -84,7 +84,7 @@ class _Paths:
     damage: list[Any]
 
 
-def worth_spreading(map: Any, executor: Executor | None) -> bool:
+def worth_spreading(map: RayMap, executor: Executor | None) -> bool:
     """Whether there are shards that workers can open."""
     return executor is not None and len(map.shards) > 1
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from query.scan import Cancel
 from query.selector import select
 from query.tally import source_factors, variances
 from raymap.units import METRES, length_scale
+
+if TYPE_CHECKING:
+    from raymap.reader import RayMap
 
 __all__ = ["SweepRow", "sweep"]
 
@@ -47,7 +50,7 @@ class SweepRow:
 
 
 def sweep(
-    map: Any,
+    map: RayMap,
     detector: str,
     criterion: object = None,
     *,
@@ -94,7 +97,7 @@ def sweep(
     return rows
 
 
-def _detector_area(map: Any, pattern: str) -> float | None:
+def _detector_area(map: RayMap, pattern: str) -> float | None:
     """Area of the one flat detector that is meant [scene units²]."""
     from query.names import match_indices
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from html import escape
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,9 @@ from query.selector import bind_all
 from query.sharded import paths_of_shards, worth_spreading
 from query.tally import Tally, source_factors, variances
 from raymap.errors import RayMapError
+
+if TYPE_CHECKING:
+    from raymap.reader import RayMap
 
 __all__ = ["PathRow", "PathTable", "path_table"]
 
@@ -96,7 +99,7 @@ class PathTable:
 
     def __init__(
         self,
-        map: Any,
+        map: RayMap,
         part: Part,
         order: Ints,
         emitted: Ints,
@@ -189,8 +192,9 @@ class PathTable:
             if place >= 0:
                 paths = self.map.portions[place].paths()
             else:
-                merged = self.map if place == -1 else self.map.shards[-2 - place]
-                paths = merged.merged.paths
+                merged = (self.map if place == -1 else self.map.shards[-2 - place]).merged
+                assert merged is not None
+                paths = merged.paths
             self._bases[place] = PathContext(paths)
         return self._bases[place]
 
@@ -279,7 +283,7 @@ def _index(name: str, names: list[str], kind: str) -> int:
 
 
 def path_table(
-    map: Any,
+    map: RayMap,
     criterion: object = None,
     *,
     by: str = "face",
@@ -331,7 +335,7 @@ def path_table(
 
 
 def collect_paths(
-    map: Any,
+    map: RayMap,
     criterion: object,
     by: str,
     *,
@@ -377,7 +381,7 @@ def collect_paths(
     return part, totals.by_source, scan.emitted, scan.complete, list(scan.damaged)
 
 
-def _peak_detector(map: Any, peak: str | None, sort: str) -> int | None:
+def _peak_detector(map: RayMap, peak: str | None, sort: str) -> int | None:
     detectors = [detector.name for detector in map.directory.detectors]
     if peak is None and sort == "peak":
         if len(detectors) != 1:
@@ -425,7 +429,7 @@ def _joined(parts: list[Part]) -> Part:
 
 
 def _ordered(
-    map: Any, part: Part, emitted: Ints, sort: str, peaks: dict[str, NDArray[Any]] | None
+    map: RayMap, part: Part, emitted: Ints, sort: str, peaks: dict[str, NDArray[Any]] | None
 ) -> Ints:
     """Rows with rays, strongest first; ties are broken by the key, so that order is stable."""
     tally, keys = part.tally, part.keys

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 from query.context import PathContext
 from query.evaluate import evaluate
 from query.selector import bind_all
 from raymap.paths import PathDictionary
 
+if TYPE_CHECKING:
+    from raymap.reader import RayMap
+
 __all__ = ["warm_up"]
 
 
-def warm_up(map: Any, criterion: object) -> None:
+def warm_up(map: RayMap, criterion: object) -> None:
     """Read the merged dictionary and load the compiled loops that a criterion needs.
 
     Commands call it between opening and timing, as part of the imports.

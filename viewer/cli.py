@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from raymap.cli import Json, MapPath, Panel, Strict, emit_json, opened_map
+
+if TYPE_CHECKING:
+    from raymap.reader import RayMap
 
 __all__ = ["register"]
 
@@ -182,7 +185,7 @@ def parse_section(text: str | None) -> Any:
     return Section(on=True, normal=(normal[0], normal[1], normal[2]), offset=sign * offset)
 
 
-def _check_names(ray_map: Any, names: tuple[str, ...]) -> None:
+def _check_names(ray_map: RayMap, names: tuple[str, ...]) -> None:
     """Refuse names of objects that the map does not have."""
     from difflib import get_close_matches
 

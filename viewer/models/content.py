@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,9 @@ from viewer.colors import color_lines
 from viewer.lines import Lines, build_lines
 from viewer.rays import DrawnRays
 from viewer.scene import load_bodies
+
+if TYPE_CHECKING:
+    from raymap.reader import RayMap
 
 __all__ = ["Content", "Grouping", "gather"]
 
@@ -71,7 +74,7 @@ class Content:
 
 
 def gather(
-    ray_map: Any,
+    ray_map: RayMap,
     criterion: Any,
     *,
     rays: int,
