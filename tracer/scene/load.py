@@ -14,6 +14,7 @@ from raymap.errors import SceneError
 from tracer.crystals.rhomb_body import RhombBody
 from tracer.geometry.bodies import BODIES
 from tracer.geometry.body import Body
+from tracer.scene.copies import CopiesModel, with_copies
 from tracer.scene.model import (
     DetectorModel,
     MediumModel,
@@ -145,7 +146,7 @@ def parse_scene(
     tree["folder"] = str(folder)
     _merge_files(tree, origin, Path(folder))
     for table in KINDS:
-        _table(tree, table, origin)
+        tree[table] = _with_copies(_table(tree, table, origin), table, origin)
     general = {key: tree.pop(key) for key in ("use", "leave_out") if key in tree}
     always = _validated(SimulationModel, general, "", origin)
     tree["selecting"] = select_parts(
@@ -237,6 +238,16 @@ def _body(entry: dict[str, Any], name: str, origin: str) -> Body:
             f"{origin}: bodies.{name}.kind: there is no body {kind!r}{_nearest(str(kind), _KINDS)}"
         )
     return _validated(_KINDS[kind], entry, f"bodies.{name}", origin)
+
+
+def _with_copies(entries: dict[str, Any], table: str, origin: str) -> dict[str, Any]:
+    """Tables that ask for copies of themselves, replaced by these."""
+    for name, entry in list(entries.items()):
+        if isinstance(entry, dict) and "copies" in entry:
+            place = f"{table}.{name}"
+            model = _validated(CopiesModel, entry["copies"], f"{place}.copies", origin)
+            entries = with_copies(entries, name, model, f"{origin}: {place}")
+    return entries
 
 
 def _validated(model: type[Model], entry: Any, place: str, origin: str) -> Model:
