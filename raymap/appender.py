@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import sys
 import threading
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Any
 
 from raymap.errors import MapExists, MapLocked, NotARayMap, RayMapError
 from raymap.locking import try_lock
+from raymap.positional import write_at
 
 __all__ = ["ChunkAppender"]
 
@@ -141,7 +143,7 @@ class ChunkAppender:
     def _write(self, views: list[memoryview]) -> None:
         pending = list(views)
         while pending:
-            done = os.pwritev(self._descriptor, pending, self.end)
+            done = write_at(self._descriptor, pending, self.end)
             self.end += done
             while pending and done >= pending[0].nbytes:
                 done -= pending.pop(0).nbytes
@@ -170,6 +172,14 @@ def _remove(path: Path) -> None:
         raise RayMapError(f"{path} is not a regular file and stays: choose another name")
     old = ChunkAppender.open(path)
     try:
+        if sys.platform == "win32":
+            # A file that is open cannot be removed there
+            old.close()
         path.unlink()
+    except OSError as error:
+        raise RayMapError(
+            f"{path} cannot be replaced ({error.strerror}): close what reads it, or choose another "
+            "name"
+        ) from None
     finally:
         old.close()

@@ -9,6 +9,7 @@ from typing import Protocol
 
 from raymap.address import Address
 from raymap.errors import FormatError, NotARayMap
+from raymap.positional import read_at
 
 __all__ = ["ByteSource", "LocalBytes", "open_bytes"]
 
@@ -80,7 +81,7 @@ class LocalBytes:
         if self._closed:
             raise FormatError(f"{self.path} is closed")
         try:
-            data = _read_at(self._descriptor, length, offset)
+            data = read_at(self._descriptor, length, offset)
         except OSError as error:
             raise FormatError(
                 f"{self.path} cannot be read at byte {offset}: {error.strerror}"
@@ -98,19 +99,3 @@ class LocalBytes:
     def __del__(self) -> None:
         if hasattr(self, "_closed"):
             self.close()
-
-
-def _read_at(descriptor: int, length: int, offset: int) -> bytes:
-    """Read at a place without moving the position; short only at the end of the file."""
-    data = os.pread(descriptor, length, offset)
-    if len(data) == length or not data:
-        return data
-    parts = [data]
-    got = len(data)
-    while got < length:
-        more = os.pread(descriptor, length - got, offset + got)
-        if not more:
-            break
-        parts.append(more)
-        got += len(more)
-    return b"".join(parts)

@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 import raymap
+from raymap import positional
 from raymap.appender import ChunkAppender
 from raymap.repair import repair
 from raymap.verify import verify
@@ -88,7 +89,7 @@ def test_a_full_disk_ends_in_one_clear_line_and_a_sound_prefix(tmp_path, monkeyp
             done += real(descriptor, [part], offset + done)
         return done
 
-    monkeypatch.setattr(os, "pwritev", pwritev)
+    monkeypatch.setattr(positional, "_write_some", pwritev)
     writer = raymap.RayMapWriter.create(path, small_directory())
     writer.add_channel_set(RGB)
 
@@ -139,7 +140,7 @@ def test_no_file_stays_behind_where_not_even_the_directory_fits(tmp_path, monkey
     def pwritev(descriptor, buffers, offset):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(os, "pwritev", pwritev)
+    monkeypatch.setattr(positional, "_write_some", pwritev)
     with pytest.raises(raymap.RayMapError, match="disk is full"):
         raymap.RayMapWriter.create(tmp_path / "a.raymap", small_directory())
     assert not list(tmp_path.iterdir())
