@@ -27,7 +27,8 @@ from numpy.typing import NDArray
 from raymap.events import Event
 from raymap.kernels import inner_kernel, lean_kernel
 from raymap.schema import COLOR_SCALE
-from tracer.engine.nests import enter_body, leave_body, top_body
+from tracer.engine.contacts import cross_face
+from tracer.engine.nests import top_body
 from tracer.engine.polarized_waves import (
     normalise_waves,
     polarise_waves,
@@ -133,24 +134,26 @@ def _index(medium_f: F64, medium: int, code: int, color_table: NDArray[np.uint16
 
 
 @inner_kernel
-def _crossed(nest: int, inside: int, outside: int, entering: bool, body_i: I64) -> int:
-    """Nest behind a face, -1 if that cannot be."""
-    if inside < 0:
-        return nest
-    if entering:
-        beyond = leave_body(nest, outside) if outside >= 0 else nest
-        return enter_body(beyond, inside, body_i) if beyond >= 0 else -1
-    beyond = leave_body(nest, inside)
-    if beyond >= 0 and outside >= 0:
-        beyond = enter_body(beyond, outside, body_i)
+def _crossed(
+    scene: CompiledScene, nest: int, face: int, cosine: float, x: float, y: float, z: float
+) -> int:
+    """Nest behind a face and all that coincide with it there, -1 if that cannot be."""
+    beyond, _ = cross_face(
+        scene.contacts, scene.face_i, scene.face_f, scene.pool, scene.body_i, face, nest, cosine,
+        x, y, z,
+    )  # fmt: skip
     return beyond
 
 
 @inner_kernel
-def _beyond(scene: CompiledScene, nest: int, face: int, entering: bool, medium: int) -> int:
+def _beyond(
+    scene: CompiledScene, nest: int, face: int, cosine: float, medium: int, x: float, y: float,
+    z: float,
+) -> int:  # fmt: skip
     """Medium on the other side of a face, by the bodies that the ray is known to be in."""
     inside, outside = scene.face_i[face, F_INSIDE], scene.face_i[face, F_OUTSIDE]
-    behind = _crossed(nest, inside, outside, entering, scene.body_i)
+    entering = cosine < 0.0
+    behind = _crossed(scene, nest, face, cosine, x, y, z)
     body = inside if entering else outside
     if behind >= 0:
         body = top_body(behind)
@@ -316,10 +319,7 @@ def _through(
     if face < 0:
         return nest
     nx, ny, nz = _normal_at(scene, rays, face, k, x, y, z)
-    behind = _crossed(
-        nest, scene.face_i[face, F_INSIDE], scene.face_i[face, F_OUTSIDE],
-        dx * nx + dy * ny + dz * nz < 0.0, scene.body_i,
-    )  # fmt: skip
+    behind = _crossed(scene, nest, face, dx * nx + dy * ny + dz * nz, x, y, z)
     return behind if behind >= 0 else nest
 
 
@@ -332,8 +332,8 @@ def _specular(
     """Reflect or refract the fields at a record; factor of the weight, and the nest behind."""
     face = _face_of(special, rays, k)
     nx, ny, nz = _normal_at(scene, rays, face, k, x, y, z)
-    entering = dx * nx + dy * ny + dz * nz < 0.0
-    if not entering:
+    cosine = dx * nx + dy * ny + dz * nz
+    if cosine >= 0.0:
         nx, ny, nz = -nx, -ny, -nz
     surface = scene.face_i[face, F_SURFACE] if face >= 0 else -1
     bare = (
@@ -366,7 +366,7 @@ def _specular(
         normalise_waves(waves, power)
         factor = power / chance if chance > 0.0 else 1.0
     else:
-        other = _beyond(scene, nest, face, entering, before)
+        other = _beyond(scene, nest, face, cosine, before, x, y, z)
         code = rays.color_code[k - 1]
         n1 = _index(scene.medium_f, before, code, rays.color_table)
         n2 = _index(scene.medium_f, other, code, rays.color_table)
@@ -377,9 +377,6 @@ def _specular(
         if event & _TIR == 0 and chance > 0.0:
             factor = power / chance
     if event & _REFRACTED != 0 and face >= 0:
-        behind = _crossed(
-            nest, scene.face_i[face, F_INSIDE], scene.face_i[face, F_OUTSIDE], entering,
-            scene.body_i,
-        )  # fmt: skip
+        behind = _crossed(scene, nest, face, cosine, x, y, z)
         nest = behind if behind >= 0 else nest
     return factor, nest

@@ -407,3 +407,30 @@ def test_a_source_may_be_polarised_in_the_scene() -> None:
     # What the call says goes before what the scene says
     portion = traced(lamp, 50, sources={"lamp": (1.0, 0.0, 0.0)})
     np.testing.assert_allclose(portion.extra["stokes"][0], [1.0, 0.0, 0.0], atol=1e-6)
+
+
+TOUCHING = """
+[bodies.lower]
+kind = "box"
+medium = "glass"
+size = [4.0, 4.0, 1.0]
+position = [0.0, 0.0, -0.5]
+surface = "clear"
+[bodies.upper]
+kind = "box"
+medium = "glass"
+size = [2.0, 2.0, 1.0]
+position = [0.3, 0.2, 0.5]
+surface = "clear"
+[sources.lamp]
+kind = "lambertian"
+position = [0.0, 0.0, -2.0]
+diameter = 4.0
+"""
+
+
+def test_no_light_is_lost_where_solids_touch() -> None:
+    portion = traced(TOUCHING, 40_000, states="natural")
+    weight = portion.weight.astype(float)
+    spread = weight.std() / math.sqrt(len(weight))
+    assert abs(weight.mean() - 1.0) < 4.5 * spread + 1e-9, (weight.mean(), spread)
