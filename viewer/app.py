@@ -53,6 +53,7 @@ class Application(SceneActions, ResultActions):
             {
                 "version": 0, "messages": [], "searching": False, "progress": 0.0, "answered": 0,
                 "menu": False, "panel_busy": False, "file": None, "address": "", "parallel": True,
+                "up": "y",
                 "criterion_error": None, "answer_text": "", "answer_flux": "", "answer_title": "",
                 "drawn_text": "", "legend": {"title": "", "scale": False, "entries": []},
                 "tree": [], "tree_place": None, "atom_kind": "hit", "atom_event": "reflected",

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from viewer.state import Camera
+from viewer.state import Camera, Upward
 
 __all__ = [
     "STANDARD_VIEWS",
@@ -43,7 +43,7 @@ STANDARD_VIEWS: dict[str, tuple[tuple[float, float, float], tuple[float, float, 
 }
 """Viewing direction and upward direction by name; "side" has z to the right and y upward."""
 
-UPWARD = {"y": 0, "z": 1, "x": 2}
+UPWARD: dict[Upward, int] = {"y": 0, "z": 1, "x": 2}
 """Axes that may point upward, and by how many places they turn the standard views: with z upward
 x lies where z does with y upward, so that "side" has x to the right and "top" has x and y."""
 
@@ -83,7 +83,7 @@ def standard_view(
     aspect: float,
     parallel: bool = True,
     margin: float = 1.08,
-    up: str = "y",
+    up: Upward = "y",
 ) -> Camera:
     """See the whole of ``box`` (two corners) from a side.
 

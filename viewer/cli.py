@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -41,7 +41,9 @@ def picture(
         ),
     ] = "natural",
     view: Annotated[str | None, typer.Option(help="side, top, front, back or tilted.")] = None,
-    up: Annotated[str, typer.Option(help="The axis that points upward: y, z or x.")] = "y",
+    up: Annotated[
+        Literal["y", "z", "x"] | None, typer.Option(help="The axis that points upward.")
+    ] = None,
     width: Annotated[int, typer.Option(help="Width in pixels.")] = 1600,
     height: Annotated[int, typer.Option(help="Height in pixels.")] = 900,
     section: Annotated[
@@ -130,7 +132,9 @@ def chart(
         tuple[float, float] | None,
         typer.Option(help="Place u v of the cross sections; by default the middle."),
     ] = None,
-    colors: Annotated[str, typer.Option(help="inferno, viridis, turbo or gray.")] = "inferno",
+    colors: Annotated[
+        Literal["inferno", "viridis", "turbo", "gray"], typer.Option(help="Colour map.")
+    ] = "inferno",
     title: Annotated[str | None, typer.Option(help="Written above the chart.")] = None,
     json: Json = False,
     strict: Strict = False,

@@ -166,6 +166,7 @@ class Core:
                     "objects": self.session.objects(),
                     "region": self._region(),
                     "point": state.point, "parallel": self._parallel(),
+                    "up": state.up,
                     "map_name": ray_map.path.name, "map_title": str(ray_map.path),
                     "map_rays": count, "recording": not ray_map.finished,
                 }
@@ -188,6 +189,7 @@ class Core:
             self.page.version += 1
             self.page.address = state_to_address(self.session.state)
             self.page.parallel = self._parallel()
+            self.page.up = self.session.state.up
 
     def _change(self, **changes: Any) -> bool:
         """Take changes from the page, checked as a saved session would be."""

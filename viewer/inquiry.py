@@ -169,9 +169,10 @@ class Inquiry:
         unit = self.session.map.directory.flux_unit
         rows = path_rows(sort_rows(self.table, sort), self.session.state.paths, unit)
         count = sum(1 for row in rows if row["criterion"])
+        note = f"{count} paths" if count == len(rows) else f"the strongest {count} paths"
         return {
             "path_table": rows,
-            "paths_note": f"{count} paths" if count else "",
+            "paths_note": note if count else "",
             "paths_message": "" if rows else "No ray of the selection takes any path.",
             "checked_paths": list(self.session.state.paths),
         }

@@ -26,7 +26,7 @@ from viewer.picking import pick_segment, pick_triangle
 from viewer.raster import draw_segments
 from viewer.rays import DrawnRays
 from viewer.scene import scene_box, visible_bodies
-from viewer.state import Camera, Clip, ViewState
+from viewer.state import Camera, Clip, Upward, ViewState
 
 __all__ = ["COARSE_SEGMENTS", "Painter", "Shown"]
 
@@ -88,7 +88,7 @@ class Painter:
         """The camera of the session, or one that sees the whole scene from the side."""
         if state.camera is not None:
             return state.camera
-        return self.standard(None, shown, aspect)
+        return self.standard(None, shown, aspect, up=state.up)
 
     def standard(
         self,
@@ -96,7 +96,7 @@ class Painter:
         shown: Shown | None,
         aspect: float,
         parallel: bool = True,
-        up: str = "y",
+        up: Upward = "y",
     ) -> Camera:
         """A standard view of everything; without a name, the side if the scene is long in z."""
         points = shown.lines.segments if shown is not None else np.empty((0, 2, 3), np.float32)

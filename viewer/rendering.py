@@ -15,7 +15,7 @@ from raymap.errors import MissingExtra, RayMapError
 from raymap.replacing import replacing
 from viewer.camera import STANDARD_VIEWS, UPWARD
 from viewer.scene import load_bodies
-from viewer.state import COLOR_RULES, ViewState
+from viewer.state import COLOR_RULES, Upward, ViewState
 
 if TYPE_CHECKING:
     from raymap.reader import RayMap
@@ -68,7 +68,7 @@ def picture(
     rays: int = 500,
     color: str | None = None,
     view: str | None = None,
-    up: str = "y",
+    up: Upward | None = None,
     size: tuple[int, int] = (1600, 900),
     state: ViewState | None = None,
     paths: Sequence[tuple[str, str]] = (),
@@ -87,7 +87,7 @@ def picture(
     rays : draw at most so many, the same ones every time
     color : one of `viewer.state.COLOR_RULES`; None takes the rule of ``state``
     view : one of `viewer.camera.STANDARD_VIEWS`; None sees long scenes from the side
-    up : the axis that points upward in a standard view: y, z or x
+    up : the axis that points upward in a standard view: y, z or x; None: that of ``state``
     size : width and height [pixels]
     state : everything else (section, clip, opacities, camera …)
     paths : (criterion, label) of paths to be shown alone, one colour each
@@ -114,7 +114,7 @@ def picture(
         raise RayMapError(f"no colour rule {color!r}; there are {', '.join(COLOR_RULES)}")
     if view is not None and view not in STANDARD_VIEWS:
         raise RayMapError(f"no view {view!r}; there are {', '.join(STANDARD_VIEWS)}")
-    if up not in UPWARD:
+    if up is not None and up not in UPWARD:
         raise RayMapError(f"no axis {up!r}; y, z or x points upward")
     _pillow()
     base = state or ViewState()
@@ -125,7 +125,9 @@ def picture(
     shown = painter.show(base, drawing.rays, drawing.labels)
     camera = base.camera
     if camera is None:
-        camera = painter.standard(view, shown, width / height, parallel=view != "tilted", up=up)
+        camera = painter.standard(
+            view, shown, width / height, parallel=view != "tilted", up=up or base.up
+        )
     pixels = painter.paint(base, shown, camera, width, height, supersampling=supersampling)
     if legend or caption:
         key = shown.legend if legend else replace(shown.legend, entries=())

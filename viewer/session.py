@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from viewer.answers import Drawing
-from viewer.camera import STANDARD_VIEWS, fit, orbit, pan, zoom
+from viewer.camera import STANDARD_VIEWS, UPWARD, fit, orbit, pan, zoom
 from viewer.overlay import draw_legend
 from viewer.painter import Painter, Shown
 from viewer.rays import DrawnRays, no_rays
@@ -101,17 +101,22 @@ class Session:
         self.update(camera=camera)
 
     def look(self, name: str, width: int, height: int) -> None:
-        """Go to a standard view, "fit", "parallel" or "perspective"."""
+        """Go to a standard view, "fit", "parallel" or "perspective"; "up" takes the next axis."""
         camera = self.camera(width, height)
         aspect = width / max(height, 1)
+        state = self.state
         if name in STANDARD_VIEWS:
-            camera = self.painter.standard(name, self.shown(), aspect, camera.parallel)
+            camera = self.painter.standard(name, self.shown(), aspect, camera.parallel, state.up)
+        elif name == "up":
+            axes = tuple(UPWARD)
+            state = replace(state, up=axes[(axes.index(state.up) + 1) % len(axes)])
+            camera = self.painter.standard(None, self.shown(), aspect, camera.parallel, state.up)
         elif name == "fit":
             box = scene_box(self.painter.bodies, self.map.directory, self.shown().lines.segments)
             camera = fit(camera, box, aspect=aspect)
         elif name in ("parallel", "perspective"):
             camera = replace(camera, parallel=name == "parallel")
-        self.update(camera=camera)
+        self.update(camera=camera, up=state.up)
 
     def pick(self, x: float, y: float, width: int, height: int) -> tuple[int, int] | None:
         """(ray number, step of the nearer point) of the ray under a pixel."""

@@ -30,6 +30,7 @@ __all__ = [
     "Region",
     "Section",
     "StateError",
+    "Upward",
     "ViewState",
     "load_state",
     "save_state",
@@ -46,6 +47,7 @@ ColorRule = Literal[
 ]
 COLOR_RULES: tuple[str, ...] = typing.get_args(ColorRule)
 
+Upward = Literal["y", "z", "x"]
 Panel = Literal["criterion", "detector", "paths", "report"]
 PANELS: tuple[str, ...] = typing.get_args(Panel)
 
@@ -129,6 +131,7 @@ class ViewState:
     names : write the names of the objects into the picture
     dark : dark background
     camera : None fits the whole scene
+    up : the axis that points upward in the standard views
     paths : paths of the table shown alone, as criteria
     ray : number of the ray in the report, and ``point`` in it
     detector : name; None takes the first
@@ -147,6 +150,7 @@ class ViewState:
     names: bool = False
     dark: bool = True
     camera: Camera | None = None
+    up: Upward = "y"
     section: Section = Section()
     clip: Clip = Clip()
     paths: tuple[str, ...] = ()

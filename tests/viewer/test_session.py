@@ -28,7 +28,7 @@ from viewer.inquiry import GHOSTS, Inquiry, criterion_error
 from viewer.panel_criterion import CriterionShelf, choices
 from viewer.panel_scene import section_fields, section_of
 from viewer.session import Session
-from viewer.state import Section, ViewState
+from viewer.state import Section, ViewState, state_from_json, state_to_json
 from viewer.tree import make_atom, tree_text
 
 W, H = 320, 240
@@ -120,6 +120,18 @@ def test_the_mouse_moves_the_camera(session: Session) -> None:
     session.move(W, H, turn=(float("nan"), 0))
     session.move(W, H, enlarge=1e30)
     assert session.state == before
+
+
+def test_another_axis_points_upward(session: Session) -> None:
+    session.look("up", W, H)
+    assert session.state.up == "z"
+    session.look("side", W, H)
+    assert session.state.camera is not None
+    assert session.state.camera.view_up == (0.0, 0.0, 1.0)
+    assert state_from_json(state_to_json(session.state)) == session.state
+    session.look("up", W, H)
+    session.look("up", W, H)
+    assert session.state.up == "y"
 
 
 def test_picking_finds_the_ray_that_is_drawn_there(session: Session) -> None:
