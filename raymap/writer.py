@@ -301,6 +301,7 @@ class RayMapWriter:
         sums2: NDArray[np.float64],
         *,
         channel_set: int = 0,
+        owned: bool = False,
     ) -> None:
         """Add what a detector counted over portions of this run; may be called repeatedly.
 
@@ -310,6 +311,7 @@ class RayMapWriter:
         ----------
         sums, sums2 : (cells_v, cells_u, n_channels), unnormalised Σ w·c, and the sum over
             emissions of (Σ w·c)²
+        owned : they will not be changed until `finish`, so that they need not be copied
         """
         with self._turn:
             cells = self.directory.detectors[detector].cells
@@ -320,13 +322,14 @@ class RayMapWriter:
                     f"{sums.shape}, expected {shape}"
                 )
             before = self._results.get((detector, channel_set))
+            copy = None if owned else True
             self._results[detector, channel_set] = DetectorResult(
                 detector=detector,
                 channel_set=channel_set,
                 first_portion=self._run_first,
                 end_portion=self._run_first,
-                sums=sums + before.sums if before else np.array(sums, np.float64),
-                sums2=sums2 + before.sums2 if before else np.array(sums2, np.float64),
+                sums=sums + before.sums if before else np.array(sums, np.float64, copy=copy),
+                sums2=sums2 + before.sums2 if before else np.array(sums2, np.float64, copy=copy),
             )
 
     # -- the end -------------------------------------------------------------------------------

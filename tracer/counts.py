@@ -100,6 +100,8 @@ class DetectorCount:
     @property
     def sums(self) -> Array:
         """(cells_v, cells_u, n_channels) Σ w c, unnormalised, as maps store it."""
+        if len(self.by_channel) == 1:
+            return np.asarray(self.by_channel[0])
         return np.asarray(self.by_channel.sum(axis=0))
 
     @property

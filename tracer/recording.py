@@ -267,7 +267,9 @@ class _Run:
         if self.writer:
             for k in range(len(self.compilation.directory.detectors)):
                 sums, sums2 = counts.stored_sums(k)
-                self.writer.add_detector_result(k, sums, sums2, channel_set=self.channel_set)
+                self.writer.add_detector_result(
+                    k, sums, sums2, channel_set=self.channel_set, owned=True
+                )
         elapsed = time.perf_counter() - began
         if self.writer:
             self.writer.finish(

@@ -136,7 +136,7 @@ class Tally:
             ),
             objects=tuple(item.name for item in directory.objects),
             media=tuple(item.name for item in directory.media),
-            taken=self._count(self._taken[0], self._taken[1]),
+            taken=self._count(*self._taken.copy()),
             detectors={item.name: self.detector(k) for k, item in enumerate(directory.detectors)},
         )
 
@@ -150,7 +150,7 @@ class Tally:
                 _all_channels(by_channel).reshape(-1, n_v, n_u),
                 self._squares[:, part].reshape(-1, n_v, n_u) / COLOR_SCALE**2,
             ),
-            whole=self._count(self._whole[0, :, number], self._whole[1, :, number]),
+            whole=self._count(*self._whole[:, :, number].copy()),
             by_channel=by_channel.reshape(-1, n_v, n_u, self.n_channels),
             sums2=self._sums2[part].reshape(n_v, n_u, self.n_channels) / COLOR_SCALE**2,
         )
@@ -165,8 +165,8 @@ class Tally:
         return Count(
             source_flux=np.bincount(self.group, self.fluxes, n).astype(np.float64),
             emitted=np.bincount(self.group, self.emitted, n).astype(np.float64),
-            sums=sums.copy(),
-            squares=squares.copy(),
+            sums=sums,
+            squares=squares,
         )
 
     def audit(self) -> dict[str, dict[str, float]]:
