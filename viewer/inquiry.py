@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.cells import cell_measure
 from raymap.errors import RayMapError
 from viewer.answers import (
     Drawing,
@@ -25,7 +26,13 @@ from viewer.answers import (
 )
 from viewer.itinerary import headline
 from viewer.panel_criterion import tree_fields
-from viewer.panel_detector import bin_cells, cross_sections, image_url, scale_fields
+from viewer.panel_detector import (
+    bin_cells,
+    cross_sections,
+    density_facts,
+    image_url,
+    scale_fields,
+)
 from viewer.panel_paths import path_rows, sort_rows
 from viewer.panel_report import point_fields, report_fields
 from viewer.plots import heat_map
@@ -246,6 +253,8 @@ class Inquiry:
             [f"Cell {place[0]}, {place[1]}", f"{float(selected[v, u]):.4g} {unit} selected, "
              f"{float(whole[v, u]):.4g} {unit} in all"],
         ]  # fmt: skip
+        measure = cell_measure(detector, directory.length_unit)
+        facts += density_facts(measure, selected, whole, (v, u), state.binning, unit)
         peaks = [f"{float(image.max()):.3g} {unit}" for image in (selected, whole)]
         sections = cross_sections(selected, full, (u, v), log=state.log_scale)
         return {

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.cells import CellMeasure
 from viewer.falsecolor import apply_colormap
 from viewer.plots import profile
 from viewer.rendering import encode_png
 
-__all__ = ["bin_cells", "cross_sections", "image_url", "scale_fields"]
+__all__ = ["bin_cells", "cross_sections", "density_facts", "image_url", "scale_fields"]
 
 
 def bin_cells(values: NDArray[np.floating], binning: int) -> NDArray[np.float64]:
@@ -44,6 +45,37 @@ def image_url(
     pixels = pixels[: cells[1], : cells[0]]
     png = encode_png(np.ascontiguousarray(pixels[::-1]))
     return "data:image/png;base64," + base64.b64encode(png).decode()
+
+
+def density_facts(
+    measure: CellMeasure | None,
+    selected: NDArray[np.floating],
+    whole: NDArray[np.floating],
+    place: tuple[int, int],
+    binning: int,
+    flux_unit: str,
+) -> list[list[str]]:
+    """What the detector measures at a cell, and at its brightest one: [name, words] each.
+
+    Parameters
+    ----------
+    measure : size of the detector's cells; None: nothing is said
+    selected, whole : (rows, columns) flux per block of ``binning`` cells each way, of the selected
+        and of all rays
+    place : row and column of the block
+    """
+    if measure is None:
+        return []
+    size, unit = bin_cells(measure.values, binning), measure.density_unit(flux_unit)
+    dense = [
+        np.divide(values, size, out=np.zeros_like(size), where=size > 0)
+        for values in (selected, whole)
+    ]
+    rows = [("Here", [values[place] for values in dense]), ("Peak", [v.max() for v in dense])]
+    return [
+        [name, f"{mine:.4g} {unit} selected, {all_:.4g} {unit} in all"]
+        for name, (mine, all_) in rows
+    ]
 
 
 def lowest_shown(values: NDArray[np.floating], highest: float) -> float:

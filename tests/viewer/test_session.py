@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import query
 import raymap
 from query import select
 from raymap.errors import RayNotFound
@@ -236,6 +237,8 @@ def test_the_panels_are_filled(session: Session) -> None:
     for key in ("image_selected", "image_full"):
         pixels = decode(base64.b64decode(fields[key].partition(",")[2]))
         assert pixels.shape == (CELLS[1], CELLS[0], 3)
+    dense = query.detector_image(session.map, "sensor", GHOST).irradiance
+    assert dict(fields["detector_facts"])["Peak"].startswith(f"{dense.max():.4g} W/m² selected")
     report = inquiry.read_report(5)["report"]
     assert report["facts"][0] == ["Ray", "5"]
     session.update(ray=5, point=1)
