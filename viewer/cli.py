@@ -216,11 +216,13 @@ def view(
     """Open the application in the browser: scene, rays, detectors, paths and reports."""
     from dataclasses import replace
 
+    from viewer.answers import check_criterion
     from viewer.server import serve
     from viewer.state import ViewState, load_state
 
     state = load_state(session) if session is not None else ViewState()
-    if criterion is not None:
-        state = replace(state, criterion=criterion)
     with opened_map(map) as ray_map:
+        if criterion is not None:
+            check_criterion(ray_map, criterion)
+            state = replace(state, criterion=criterion)
         serve(ray_map, state=state, port=port, browser=not no_browser)

@@ -209,3 +209,19 @@ def test_a_page_that_was_closed_is_no_error(
     assert [record.getMessage() for record in caplog.records if record.name == logger.name] == [
         "ValueError('wrong')"
     ]
+
+
+def test_a_wrong_criterion_is_refused_before_the_application_opens(
+    run: Any, map_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened: list[str] = []
+    monkeypatch.setattr(
+        "viewer.server.serve", lambda _map, *, state, **_: opened.append(state.criterion)
+    )
+    status, _, said = run("view", map_path, "--no-browser", "-c", "hit(sensor)")
+    assert status == 1
+    assert said.startswith("error: ")
+    assert '"sensor"' in said
+    assert not opened
+    assert run("view", map_path, "--no-browser", "-c", 'hit("L1")')[0] == 0
+    assert opened == ['hit("L1")']
