@@ -10,7 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,15 @@ from raymap.portion import Descriptors
 if TYPE_CHECKING:
     from query.bound import BoundNode
 
-__all__ = ["Cancelled", "Context", "PathContext", "RayContext", "StoredRays", "offsets_of"]
+__all__ = [
+    "Cancelled",
+    "Context",
+    "PathColumns",
+    "PathContext",
+    "RayContext",
+    "StoredRays",
+    "offsets_of",
+]
 Ints = NDArray[np.integer]
 
 
@@ -59,6 +67,28 @@ def offsets_of(counts: Ints) -> NDArray[np.int64]:
     offsets = np.zeros(len(counts) + 1, np.int64)
     np.cumsum(counts, out=offsets[1:])
     return offsets
+
+
+class PathColumns(NamedTuple):
+    """Itineraries as compiled code takes them; columns that it does not need may be empty.
+
+    Attributes
+    ----------
+    source : (n_rays,)
+    offsets : (n_rays + 1,) points of ray r are rows offsets[r]:offsets[r + 1]
+    object, face, event : (n_points,)
+    meeting_offsets : (n_points + 1,) meetings of the segment that starts at each point
+    detector, registered : (n_meetings,)
+    """
+
+    source: Ints
+    offsets: Ints
+    object: Ints
+    face: Ints
+    event: Ints
+    meeting_offsets: Ints
+    detector: Ints
+    registered: Bools
 
 
 class Context(ABC):
@@ -99,6 +129,21 @@ class Context(ABC):
     @property
     @abstractmethod
     def registered(self) -> Bools: ...
+
+    def columns(
+        self, *, face: bool = True, event: bool = True, meetings: bool = True
+    ) -> PathColumns:
+        """The path's own columns, without those that are not wanted."""
+        return PathColumns(
+            source=self.source,
+            offsets=self.offsets,
+            object=self.object,
+            face=self.face if face else np.empty(0, np.int32),
+            event=self.event if event else np.empty(0, np.int32),
+            meeting_offsets=self.meeting_offsets if meetings else np.empty(0, np.int64),
+            detector=self.detector if meetings else np.empty(0, np.int16),
+            registered=self.registered if meetings else np.empty(0, np.bool_),
+        )
 
     @property
     def n_points(self) -> int:

@@ -17,6 +17,7 @@ from query.context import Context, RayContext
 from query.kleene import Bools, Pair, apply, combine, exactly, gather, interval
 from query.measures import incidence_angles, optical_lengths, path_lengths
 from query.path_machine import PRINCIPAL
+from query.path_matching import match_path
 from query.recorded import recorded_values
 from query.scans import (
     any_before_last,
@@ -25,7 +26,6 @@ from query.scans import (
     expand_rows,
     look_up,
     mark_events,
-    match_path,
     match_sequence,
     ray_offsets,
 )
@@ -222,35 +222,13 @@ def _path(context: Context, node: b.BoundPath) -> Pair:
     machine = node.machine
     triangle = context.triangle if machine.needs_triangles else None
 
+    columns = context.columns(
+        face=machine.needs_faces, event=machine.needs_events, meetings=machine.needs_detectors
+    )
+    known = np.empty(0, np.int32) if triangle is None else triangle
+
     def run(triangle_mode: int) -> Bools:
-        return match_path(
-            context.source,
-            context.offsets,
-            context.object,
-            context.face if machine.needs_faces else np.empty(0, np.int32),
-            context.event if machine.needs_events else np.empty(0, np.int32),
-            np.empty(0, np.int32) if triangle is None else triangle,
-            triangle_mode,
-            context.meeting_offsets if machine.needs_detectors else np.empty(0, np.int64),
-            context.detector if machine.needs_detectors else np.empty(0, np.int16),
-            context.registered if machine.needs_detectors else np.empty(0, np.bool_),
-            machine.kind,
-            machine.sources,
-            machine.objects,
-            machine.faces,
-            machine.triangle,
-            machine.placeless,
-            machine.event_masks,
-            machine.detectors,
-            machine.follow,
-            machine.first,
-            machine.last,
-            machine.exact,
-            machine.needs_detectors,
-            machine.needs_faces,
-            machine.needs_events,
-            PRINCIPAL,
-        )
+        return match_path(columns, known, triangle_mode, machine, PRINCIPAL)
 
     if not machine.needs_triangles:
         return exactly(run(0))

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from query.context import PathContext
+from query.context import PathColumns, PathContext
 from query.names import match_indices
 from query.path_sums import sum_over_paths
 from query.scan import Cancel
@@ -87,21 +87,15 @@ class Illumination:
 
 @kernel
 def _lights(
-    source: NDArray[np.integer],
-    offsets: NDArray[np.integer],
-    object_: NDArray[np.integer],
-    event: NDArray[np.integer],
-    meeting_offsets: NDArray[np.integer],
-    detector: NDArray[np.integer],
-    registered: NDArray[np.bool_],
+    paths: PathColumns,
     wanted: NDArray[np.bool_],
-    scattered: int,
     rays: NDArray[np.int64],
     sum_w: NDArray[np.float64],
     out_rays: NDArray[np.int64],
     out_w: NDArray[np.float64],
 ) -> None:
     """Add each path once per object and kind; out : (3, n_objects, n_sources)."""
+    source, offsets, event = paths.source, paths.offsets, paths.event
     n_objects = out_rays.shape[1]
     stamp = np.full((3, n_objects), -1, np.int64)
     for path in range(len(source)):
@@ -112,29 +106,29 @@ def _lights(
         # Lit: no scattering at any earlier point.
         n_scattered = 0
         for row in range(begin + 1, end):
-            owner = object_[row]
+            owner = paths.object[row]
             if owner >= 0 and n_scattered == 0 and stamp[0, owner] != path:
                 stamp[0, owner] = path
                 out_rays[0, owner, source[path]] += rays[path]
                 out_w[0, owner, source[path]] += sum_w[path]
-            if event[row] & scattered:
+            if event[row] & _SCATTERED:
                 n_scattered += 1
         # Seen: walk back from each registration to the scattering before it.
         for last in range(begin, end):
             arrived = False
-            for meeting in range(meeting_offsets[last], meeting_offsets[last + 1]):
-                if registered[meeting] and wanted[detector[meeting]]:
+            for meeting in range(paths.meeting_offsets[last], paths.meeting_offsets[last + 1]):
+                if paths.registered[meeting] and wanted[paths.detector[meeting]]:
                     arrived = True
             if not arrived:
                 continue
             before = 0
             for row in range(begin + 1, last + 1):
-                if event[row] & scattered:
+                if event[row] & _SCATTERED:
                     before += 1
             row = last
             while row > begin:
-                owner = object_[row]
-                scatters = (event[row] & scattered) != 0
+                owner = paths.object[row]
+                scatters = (event[row] & _SCATTERED) != 0
                 if owner >= 0 and stamp[1, owner] != path:
                     stamp[1, owner] = path
                     out_rays[1, owner, source[path]] += rays[path]
@@ -175,21 +169,8 @@ def illuminated(
 
     def reduce(base: PathContext, tally: Tally) -> tuple[Any, Any]:
         out_rays, out_w = np.zeros(shape, np.int64), np.zeros(shape)
-        _lights(
-            base.source,
-            base.offsets,
-            base.object,
-            base.event,
-            base.meeting_offsets,
-            base.detector,
-            base.registered,
-            wanted,
-            _SCATTERED,
-            tally.rays,
-            tally.sum_w,
-            out_rays,
-            out_w,
-        )
+        paths = base.columns(face=False)
+        _lights(paths, wanted, tally.rays, tally.sum_w, out_rays, out_w)
         return out_rays, out_w
 
     products, _, scan = sum_over_paths(map, criterion, reduce, threads=threads, cancel=cancel)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from query.context import PathContext
+from query.context import PathColumns, PathContext
 from query.path_machine import PRINCIPAL
 from raymap.events import FAMILIES
 from raymap.kernels import kernel
@@ -66,17 +66,8 @@ def _mix(state: Any, value: Any) -> Any:
 
 @kernel
 def _keys(
-    source: Ints,
-    offsets: Ints,
-    object_: Ints,
-    face: Ints,
-    event: Ints,
-    meeting_offsets: Ints,
-    detector: Ints,
-    registered: NDArray[np.bool_],
+    paths: PathColumns,
     by_face: bool,
-    principal: int,
-    reflected: int,
     low: NDArray[np.uint64],
     high: NDArray[np.uint64],
     reflections: NDArray[np.int32],
@@ -84,30 +75,31 @@ def _keys(
     last: NDArray[np.int16],
 ) -> None:
     salt = np.uint64(0x9E3779B97F4A7C15)
-    for path in range(len(source)):
-        a = _mix(1, np.uint64(source[path]))
-        b = _mix(2, np.uint64(source[path]) ^ salt)
+    offsets, event = paths.offsets, paths.event
+    for path in range(len(paths.source)):
+        a = _mix(1, np.uint64(paths.source[path]))
+        b = _mix(2, np.uint64(paths.source[path]) ^ salt)
         n_reflections = 0
         first[path] = -1
         last[path] = -1
         for row in range(offsets[path], offsets[path + 1]):
-            owner = object_[row]
+            owner = paths.object[row]
             # Object, face and events of the point in one word.
             place = np.uint64(owner + 1) << np.uint64(44)
             if by_face:
-                place ^= np.uint64(face[row] + 1) << np.uint64(26) << np.uint64(2)
-            word = place ^ np.uint64(event[row] & principal)
+                place ^= np.uint64(paths.face[row] + 1) << np.uint64(26) << np.uint64(2)
+            word = place ^ np.uint64(event[row] & PRINCIPAL)
             a = _mix(a, word)
             b = _mix(b, word ^ salt)
-            if event[row] & reflected:
+            if event[row] & _REFLECTED:
                 n_reflections += 1
             if owner >= 0 and row > offsets[path]:
                 if first[path] < 0:
                     first[path] = owner
                 last[path] = owner
-            for meeting in range(meeting_offsets[row], meeting_offsets[row + 1]):
-                if registered[meeting]:
-                    word = (np.uint64(1) << np.uint64(63)) | np.uint64(detector[meeting])
+            for meeting in range(paths.meeting_offsets[row], paths.meeting_offsets[row + 1]):
+                if paths.registered[meeting]:
+                    word = (np.uint64(1) << np.uint64(63)) | np.uint64(paths.detector[meeting])
                     a = _mix(a, word)
                     b = _mix(b, word ^ salt)
         low[path] = a
@@ -127,24 +119,8 @@ def _new_keys(base: PathContext, by: str) -> Keys:
     n = base.n_rays
     low, high = np.empty(n, np.uint64), np.empty(n, np.uint64)
     reflections, first, last = np.empty(n, np.int32), np.empty(n, np.int16), np.empty(n, np.int16)
-    _keys(
-        base.source,
-        base.offsets,
-        base.object,
-        base.face if by == "face" else np.empty(0, np.int32),
-        base.event,
-        base.meeting_offsets,
-        base.detector,
-        base.registered,
-        by == "face",
-        PRINCIPAL,
-        _REFLECTED,
-        low,
-        high,
-        reflections,
-        first,
-        last,
-    )
+    by_face = by == "face"
+    _keys(base.columns(face=by_face), by_face, low, high, reflections, first, last)
     return Keys(low, high, base.source, reflections, first, last)
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from query.automaton import Automaton, Element, parse_path
 from query.names import FaceNames, match_indices, match_objects, unknown
+from query.path_matching import ANY_POINT, DETECTOR, PLACE
 from raymap.directory import Directory
 from raymap.errors import UnknownName
 from raymap.events import FAMILIES, Event
@@ -26,16 +27,15 @@ INFORMATIVE = (
 PRINCIPAL = sum(int(event) for event in Event if not event & INFORMATIVE)
 """Events that tell paths apart in path tables and in exact path expressions."""
 
-_KINDS = {"any": 0, "place": 1, "detector": 2}
+_KINDS = {"any": ANY_POINT, "place": PLACE, "detector": DETECTOR}
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class PathMachine:
+class PathMachine(NamedTuple):
     """Arrays of a position automaton with n states and w words of 64 states.
 
     Attributes
     ----------
-    kind : (n,) int8: 0 any point, 1 place, 2 detector
+    kind : (n,) int8: `ANY_POINT`, `PLACE` or `DETECTOR`
     sources : (n, n_sources + 1) bool, names taken as sources
     objects : (n, n_objects + 1) bool; faces : (n, n_faces + 1) bool
     triangle : (n,) int32, -1 none required
@@ -44,6 +44,7 @@ class PathMachine:
     detectors : (n, n_detectors + 1) bool
     follow : (n, w) uint64; first, last : (w,) uint64
     exact : events and registrations are exactly the ones written
+    needs_faces, needs_events, needs_detectors : columns that are looked at
     """
 
     kind: NDArray[np.int8]
@@ -58,22 +59,14 @@ class PathMachine:
     first: NDArray[np.uint64]
     last: NDArray[np.uint64]
     exact: bool
+    needs_faces: bool = True
+    needs_events: bool = True
+    needs_detectors: bool = True
 
     @property
     def needs_triangles(self) -> bool:
+        """Whether primitives are looked at, too."""
         return bool((self.triangle >= 0).any())
-
-    @property
-    def needs_faces(self) -> bool:
-        return bool(self.faces.any())
-
-    @property
-    def needs_events(self) -> bool:
-        return self.exact or bool(self.event_masks.any())
-
-    @property
-    def needs_detectors(self) -> bool:
-        return self.exact or bool((self.kind == _KINDS["detector"]).any())
 
 
 def _words(bits: int, n_words: int) -> list[int]:
@@ -134,7 +127,11 @@ def bind_path(text: str, exact: bool, directory: Directory, names: FaceNames) ->
     for state, element in enumerate(automaton.elements):
         first = bool(automaton.first >> state & 1)
         _fill(machine, state, element, places, first=first, later=bool(later >> state & 1))
-    return machine
+    return machine._replace(
+        needs_faces=bool(machine.faces.any()),
+        needs_events=exact or bool(machine.event_masks.any()),
+        needs_detectors=exact or bool((machine.kind == DETECTOR).any()),
+    )
 
 
 def _fill(
