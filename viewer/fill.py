@@ -16,7 +16,10 @@ from numpy.typing import NDArray
 
 from raymap.kernels import kernel
 
-__all__ = ["fill_triangles"]
+__all__ = ["OPAQUE", "fill_triangles"]
+
+OPAQUE = 0.995
+"""Above this opacity a triangle hides what is behind it."""
 
 
 @kernel
@@ -114,6 +117,7 @@ def fill_triangles(
     *,
     depth: NDArray[np.float32],
     image: NDArray[np.float32],
+    order: NDArray[np.int64] | None = None,
     threads: int | None = None,
 ) -> None:
     """Fill triangles: first the opaque ones by depth, then the others from back to front.
@@ -125,21 +129,23 @@ def fill_triangles(
     rgba : (n, 4) float32, 0 … 1
     depth : (height, width) float32, lowered where opaque triangles lie
     image : (height, width, 4) float32, premultiplied, drawn over in place
+    order : (n,) triangles from back to front; None goes by the depth of their middles
     threads : bands of rows filled at the same time; None takes the processors
     """
     rows = depth.shape[0]
     n_bands = max(1, min(threads or os.cpu_count() or 1, rows // 64 or 1))
     bounds = [int(bound) for bound in np.linspace(0, rows, n_bands + 1)]
-    solid = rgba[:, 3] > 0.995
-    clear = np.flatnonzero(~solid & (rgba[:, 3] > 0))
-    clear = clear[np.argsort(-corners[clear, :, 2].sum(axis=1), kind="stable")]
-    for order, opaque in ((np.flatnonzero(solid), True), (clear, False)):
-        if len(order) == 0:
+    solid = rgba[:, 3] > OPAQUE
+    if order is None:
+        order = np.argsort(-corners[:, :, 2].sum(axis=1), kind="stable")
+    clear = order[(~solid & (rgba[:, 3] > 0))[order]]
+    for rows_of, opaque in ((np.flatnonzero(solid), True), (clear, False)):
+        if len(rows_of) == 0:
             continue
         with ThreadPoolExecutor(n_bands) as pool:
             for done in [
                 pool.submit(
-                    _fill_band, order, corners, normals, rgba, opaque, depth, image, first, last
+                    _fill_band, rows_of, corners, normals, rgba, opaque, depth, image, first, last
                 )
                 for first, last in itertools.pairwise(bounds)
             ]:

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from viewer.bodies import Body, cut_triangles, silhouette
 from viewer.camera import view_axes, view_matrix
-from viewer.fill import fill_triangles
+from viewer.fill import OPAQUE, fill_triangles
 from viewer.raster import NEAR, draw_segments
+from viewer.slabs import SLABS, cut_into_slabs, drawing_order
 from viewer.state import Camera
 
 __all__ = ["Layer", "finish", "paint_bodies", "paint_edges", "paint_rays"]
@@ -65,11 +66,12 @@ def paint_bodies(
     image[:, :, :3] = top + (bottom - top) * share
     depth = np.full((height, width), np.inf, np.float32)
     matrix = view_matrix(camera, width, height, _reach(bodies))
-    corners, normals, colors = _gather(bodies, matrix)
+    right, up, forward = view_axes(camera)
+    bounds = _slabs(bodies, forward)
+    corners, normals, colors, owners = _gather(bodies, matrix, forward, bounds)
     if len(corners):
         flat = corners.reshape(-1, 3) @ matrix[:, :3].T + matrix[:, 3]
         flat[:, :3] /= flat[:, 3:]
-        right, up, forward = view_axes(camera)
         frame = np.stack([right, -up, forward]).astype(np.float32)
         fill_triangles(
             np.ascontiguousarray(flat[:, :3].reshape(-1, 3, 3)),
@@ -77,28 +79,45 @@ def paint_bodies(
             colors,
             depth=depth,
             image=image,
+            order=drawing_order(corners.mean(axis=1) @ forward, owners, bounds),
         )
     # Rays that lie in an opaque surface are not hidden by it
     return Layer(image=image, depth=depth + np.float32(1e-4), matrix=matrix)
 
 
+def _slabs(bodies: Sequence[Body], forward: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Depths between slabs, from the nearest corner of all bodies to the farthest."""
+    depths = [body.corners.astype(np.float64) @ forward for body in bodies if len(body.corners)]
+    low = min((float(depth.min()) for depth in depths), default=0.0)
+    high = max((float(depth.max()) for depth in depths), default=1.0)
+    return np.linspace(low, max(high, low + 1e-9), SLABS + 1)
+
+
 def _gather(
-    bodies: Sequence[Body], matrix: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float32], NDArray[np.float32]]:
-    """All triangles in front of the camera, with normals and colours."""
+    bodies: Sequence[Body],
+    matrix: NDArray[np.float64],
+    forward: NDArray[np.float64],
+    bounds: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
+    """All triangles in front of the camera, with normals, colours and numbers of bodies."""
     parts = []
-    for body in bodies:
+    for number, body in enumerate(bodies):
         corners, normals = body.corners, body.normals
         behind = 2 * NEAR - (corners.astype(np.float64) @ matrix[3, :3] + matrix[3, 3])
         if (behind > 0).any():
             corners, normals, _ = cut_triangles(corners, normals, behind)
+        if 0.0 < body.opacity <= OPAQUE:
+            corners, normals = cut_into_slabs(corners, normals, forward, bounds)
         color = np.append(body.color, body.opacity).astype(np.float32)
-        parts.append((corners.astype(np.float64), normals, np.tile(color, (len(corners), 1))))
+        owner = np.full(len(corners), number, np.int64)
+        color = np.tile(color, (len(corners), 1))
+        parts.append((corners.astype(np.float64), normals, color, owner))
     if not parts:
         empty = np.empty((0, 3, 3), np.float32)
-        return empty.astype(np.float64), empty, np.empty((0, 4), np.float32)
+        nobody = np.empty(0, np.int64)
+        return empty.astype(np.float64), empty, np.empty((0, 4), np.float32), nobody
     joined = [np.concatenate(column) for column in zip(*parts, strict=True)]
-    return joined[0], joined[1], joined[2]
+    return joined[0], joined[1], joined[2], joined[3]
 
 
 def paint_rays(
