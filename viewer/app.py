@@ -63,7 +63,7 @@ class Application(SceneActions, ResultActions):
                 "many_sources": len(directory.sources) > 1,
                 "detectors": [entry.name for entry in directory.detectors], "shape": "rect",
                 "detector_cells": None, "image_selected": "", "image_full": "", "image_low": "",
-                "image_high": "", "image_gradient": "", "image_peaks": ["", ""],
+                "image_high": "", "image_gradient": "", "image_peaks": ["", ""], "binned": 1,
                 "detector_note": "", "detector_facts": [],
                 "detector_sections": "", "detector_total": "",
                 "report": None, "report_error": "", "report_point": None, "ray_text": "",

@@ -28,6 +28,7 @@ from viewer.itinerary import headline
 from viewer.panel_criterion import tree_fields
 from viewer.panel_detector import (
     bin_cells,
+    calm_binning,
     cross_sections,
     density_facts,
     image_url,
@@ -228,8 +229,10 @@ class Inquiry:
         name = self.detector_name()
         if name is None or self.images is None:
             return {"detector_cells": None}
+        seen = self.images[1] if state.image == "full" else None
+        binning = state.binning or calm_binning(self.images[0] if seen is None else seen)
         selected, full = (
-            bin_cells(image, state.binning) if image is not None else None for image in self.images
+            bin_cells(image, binning) if image is not None else None for image in self.images
         )
         assert selected is not None
         detector = next(entry for entry in directory.detectors if entry.name == name)
@@ -237,12 +240,12 @@ class Inquiry:
         whole = full if full is not None else np.zeros_like(selected)
         top, unit = float(shown.max()), directory.flux_unit
         options: dict[str, Any] = {"log": state.log_scale, "colormap": state.colormap}
-        drawn = {**options, "cells": detector.cells, "binning": state.binning}
+        drawn = {**options, "cells": detector.cells, "binning": binning}
         place = self.place
         if place is None:
             peak = np.unravel_index(int(np.argmax(shown)), shown.shape)
-            place = (int(peak[1]) * state.binning, int(peak[0]) * state.binning)
-        u, v = place[0] // state.binning, place[1] // state.binning
+            place = (int(peak[1]) * binning, int(peak[0]) * binning)
+        u, v = place[0] // binning, place[1] // binning
         note = "" if selected.max() > 0 else "No ray of the selection reaches this detector."
         if whole.max() <= 0:
             note = "No ray of the map reaches this detector."
@@ -254,11 +257,12 @@ class Inquiry:
              f"{float(whole[v, u]):.4g} {unit} in all"],
         ]  # fmt: skip
         measure = cell_measure(detector, directory.length_unit)
-        facts += density_facts(measure, selected, whole, (v, u), state.binning, unit)
+        facts += density_facts(measure, selected, whole, (v, u), binning, unit)
         peaks = [f"{float(image.max()):.3g} {unit}" for image in (selected, whole)]
         sections = cross_sections(selected, full, (u, v), log=state.log_scale)
         return {
             "detector_cells": list(detector.cells),
+            "binned": binning,
             "image_selected": image_url(selected, highest=float(selected.max()), **drawn),
             "image_full": image_url(whole, highest=float(whole.max()), **drawn),
             "image_peaks": peaks,
@@ -267,7 +271,7 @@ class Inquiry:
             "detector_note": note,
             "detector_facts": facts,
             "detector_sections": sections if whole.max() > 0 else "",
-            **scale_fields(shown, top, unit=unit, **options),
+            **scale_fields(shown, top, unit=unit, binning=binning, **options),
         }
 
     def section_fields(self) -> dict[str, Any]:

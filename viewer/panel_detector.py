@@ -13,13 +13,44 @@ from viewer.falsecolor import apply_colormap
 from viewer.plots import profile
 from viewer.rendering import encode_png
 
-__all__ = ["bin_cells", "cross_sections", "density_facts", "image_url", "scale_fields"]
+__all__ = [
+    "bin_cells",
+    "calm_binning",
+    "cross_sections",
+    "density_facts",
+    "image_url",
+    "scale_fields",
+]
+
+_BINNINGS = (1, 2, 4, 8, 16)
+_CALM, _MANY = 0.8, 8.0
 
 
 def bin_cells(values: NDArray[np.floating], binning: int) -> NDArray[np.float64]:
     """Sums of blocks of cells; those at the far borders may hold fewer cells."""
     rows, columns = (np.arange(0, side, binning) for side in values.shape)
     return np.asarray(np.add.reduceat(np.add.reduceat(values, rows, 0), columns, 1), np.float64)
+
+
+def calm_binning(values: NDArray[np.floating]) -> int:
+    """The finest binning (1 to 16) that shows more than single rays here and there.
+
+    Either most light lies in blocks with many times that of the faintest cells, as in a focus, or
+    the blocks beside those that are lit are lit, too.
+    """
+    if not values.any():
+        return 1
+    faint = float(np.quantile(values[values > 0.0], 0.1))
+    for binning in _BINNINGS:
+        blocks = bin_cells(values, binning)
+        if float((blocks**2).sum() / blocks.sum()) >= _MANY * faint:
+            return binning
+        lit = blocks > 0.0
+        beside = 4.0 - 2.0 / lit.shape[0] - 2.0 / lit.shape[1]
+        pairs = (lit[1:] & lit[:-1]).sum() + (lit[:, 1:] & lit[:, :-1]).sum()
+        if 2.0 * pairs >= _CALM * beside * lit.sum():
+            return binning
+    return _BINNINGS[-1]
 
 
 def image_url(
@@ -97,16 +128,23 @@ def _scaled(values: NDArray[np.floating], *, log: bool, highest: float) -> NDArr
 
 
 def scale_fields(
-    values: NDArray[np.floating], highest: float, *, log: bool, colormap: str, unit: str
+    values: NDArray[np.floating],
+    highest: float,
+    *,
+    log: bool,
+    colormap: str,
+    unit: str,
+    binning: int,
 ) -> dict[str, str]:
     """Ends and colours of the scale below the pictures."""
     steps = apply_colormap(np.linspace(0, 1, 12), colormap)
     stops = ", ".join("#" + "".join(f"{int(part):02x}" for part in step) for step in steps)
     low = lowest_shown(values, highest) if log and highest > 0 else 0.0
+    cells = "cell" if binning == 1 else f"{binning} × {binning} cells"
     return {
         "image_gradient": f"linear-gradient(to right, {stops})",
         "image_low": f"{low:.3g}" if highest > 0 else "",
-        "image_high": f"{highest:.3g} {unit} per cell",
+        "image_high": f"{highest:.3g} {unit} per {cells}",
     }
 
 

@@ -135,7 +135,7 @@ class ViewState:
     paths : paths of the table shown alone, as criteria
     ray : number of the ray in the report, and ``point`` in it
     detector : name; None takes the first
-    binning : so many cells each way are shown as one
+    binning : so many cells each way are shown as one; 0: as many as the light needs
     """
 
     criterion: str = ""
@@ -161,7 +161,7 @@ class ViewState:
     log_scale: bool = True
     colormap: str = "inferno"
     image: Literal["selected", "full", "both"] = "both"
-    binning: Literal[1, 2, 4, 8, 16] = 1
+    binning: Literal[0, 1, 2, 4, 8, 16] = 0
 
 
 T = TypeVar("T")

@@ -226,7 +226,7 @@ def test_the_answer_is_that_of_the_query(session: Session) -> None:
 
 def test_the_panels_are_filled(session: Session) -> None:
     inquiry = Inquiry(session)
-    session.update(criterion=GHOST)
+    session.update(criterion=GHOST, binning=1)
     table = inquiry.paths("face", False, "flux", never)["path_table"]
     assert table
     assert all("sensor" in row["path"] for row in table)
