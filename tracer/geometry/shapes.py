@@ -47,6 +47,7 @@ Mesh = tuple[Array, NDArray[np.int32]]
 
 _SEGMENTS = 48
 _RINGS = 8
+_TURN_DEG = 5.0
 
 
 class Shape(Protocol):
@@ -411,5 +412,17 @@ class Conic:
         )
 
     def mesh(self) -> Mesh:
-        radii = np.linspace(self.inner, self.semi_diameter, _RINGS + 1)
+        radii = self._rings()
         return _revolve(self.vertex, self.axis, [(float(r), self.sag(float(r))) for r in radii])
+
+    def _rings(self) -> Array:
+        """Radii of the rings to draw: closer where the profile turns, more if it turns a lot."""
+        r = np.linspace(self.inner, self.semi_diameter, 513)
+        steps = np.diff(r), np.diff([self.sag(float(x)) for x in r])
+        length = np.hypot(*steps)
+        turns = np.abs(np.diff(np.arctan2(steps[1], steps[0]), append=np.nan))
+        turns[-1] = turns[-2]
+        place = np.cumsum(length / length.sum() + turns / max(float(turns.sum()), 1e-9))
+        place = np.concatenate(([0.0], place))
+        count = min(max(_RINGS, math.ceil(math.degrees(float(turns.sum())) / _TURN_DEG)), 64)
+        return np.asarray(np.interp(np.linspace(0.0, place[-1], count + 1), place, r))
