@@ -165,7 +165,6 @@ def screenshots(path: Path) -> None:
         page.wait_for_function(
             "document.querySelector('[data-testid=image-full] img')?.naturalWidth > 0"
         )
-        page.get_by_test_id("binning").select_option("4")
         page.wait_for_timeout(2000)
         tab.shot("view_detector.png")
         tab.click("tab-paths")
