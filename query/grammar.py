@@ -190,7 +190,7 @@ class _Builder:
             raise self.fail(self._unknown_atom(word), node)
         shown = self.source(node)
         raise self.fail(
-            f"{shown} is no criterion; names stand in brackets, as in hit({shown})", node
+            f"{shown} is not a criterion; names stand in brackets, as in hit({shown})", node
         )
 
     def _unknown_atom(self, word: str) -> str:

@@ -191,7 +191,7 @@ class Compare(Criterion):
     def __post_init__(self) -> None:
         if self.operator not in OPERATORS:
             raise CriterionError(
-                f"{self.operator!r} is no comparison; write one of == != < <= > >="
+                f"{self.operator!r} is not a comparison; write one of == != < <= > >="
             )
         object.__setattr__(self, "value", finite(self.value))
 

@@ -73,7 +73,7 @@ def connect(
     except OSError as error:
         raise ServiceError(f"{root_certificates} cannot be read: {error.strerror}") from None
     except Exception as error:  # Arrow's own kinds of errors for a bad address
-        raise ServiceError(f"{where!r} is no address of a service: {_line(error)}") from None
+        raise ServiceError(f"{where!r} is not the address of a service: {_line(error)}") from None
     service = Service(client, where, secret)
     try:
         service.about = service.ask("hello", {})

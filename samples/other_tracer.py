@@ -1,6 +1,6 @@
 """Another tracer's light in a ray map: Mitsuba 3 traces, Raymap records and answers.
 
-``python samples/other_tracer.py [out.raymap] [rays]`` needs ``pip install mitsuba``.
+``python samples/other_tracer.py [out.raymap] [rays]`` needs ``pip install 'raymap[mitsuba]'``.
 
 A spot lamp shines through a glass ball onto a grey floor between two coloured walls. Mitsuba finds
 the surfaces and samples the materials; this program turns what it says into plain NumPy columns,

@@ -35,7 +35,7 @@ class ServedFolder:
     def __init__(self, root: str | os.PathLike[str]) -> None:
         self.root = Path(root).resolve()
         if not self.root.is_dir():
-            raise RayMapError(f"{root} is no folder: name the folder that is to be served")
+            raise RayMapError(f"{root} is not a folder: name the folder that is to be served")
 
     def path(self, name: object) -> Path:
         """The file or folder that a request names; links are followed, and must stay inside.

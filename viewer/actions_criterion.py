@@ -40,7 +40,7 @@ class CriterionActions(Core):
         try:
             values = json.loads(text)
         except ValueError:
-            raise StateError("this file is no saved session (not JSON)") from None
+            raise StateError("this file is not a saved session (not JSON)") from None
         self._restart(state_from_json(values))
 
     def complete(self, text: str, cursor: int) -> dict[str, Any]:

@@ -112,7 +112,9 @@ def _mitsuba() -> Any:
     try:
         mi = import_module("mitsuba")
     except ImportError as error:
-        raise MissingExtra(f"Mitsuba cannot be imported ({error}): pip install mitsuba") from None
+        raise MissingExtra(
+            f"Mitsuba cannot be imported ({error}): pip install 'raymap[mitsuba]'"
+        ) from None
     if mi.variant() != "scalar_rgb":
         raise RayMapError(
             f"Mitsuba's variant is {mi.variant()}; call mitsuba.set_variant('scalar_rgb') before "

@@ -100,7 +100,7 @@ def test_truth_values_are_refused_with_advice(careless: Any) -> None:
         ('detected("s", rect(1 mm, 2, 3, 4))', r"one unit"),
         ("wavelength > 5 foo", r"unknown unit 'foo'"),
         ("wavelength", r"is a number"),
-        ('"L1"', r"is no criterion"),
+        ('"L1"', r"is not a criterion"),
         ("reflected", r"write event\(reflected\)"),
         ('path("a (b")', r"never closed"),
         ('path("a b*c)")', r"closes nothing"),

@@ -55,7 +55,7 @@ def test_without_token(service: RaymapService) -> None:
 def test_nobody_there_and_no_address(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(RayMapError, match="cannot be reached"):
         raymap.connect("grpc://localhost:9", token=TOKEN)
-    with pytest.raises(RayMapError, match="no address"):
+    with pytest.raises(RayMapError, match="not the address"):
         raymap.connect("nonsense", token=TOKEN)
     monkeypatch.delenv("RAYMAP_SERVICE", raising=False)
     with pytest.raises(RayMapError, match="RAYMAP_SERVICE"):
@@ -238,7 +238,7 @@ def test_maps_that_are_none(client: Service, folder: Path) -> None:
 def test_other_machines_need_tls(folder: Path, tmp_path: Path) -> None:
     with pytest.raises(RayMapError, match="--tls-certificate"):
         RaymapService(folder, TOKEN, host="0.0.0.0")
-    with pytest.raises(RayMapError, match="is no folder"):
+    with pytest.raises(RayMapError, match="is not a folder"):
         RaymapService(folder / "none", TOKEN)
     (tmp_path / "short").write_text("abc")
     with pytest.raises(RayMapError, match="16 or more"):

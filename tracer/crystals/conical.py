@@ -75,7 +75,7 @@ def conical_rays(
     k = np.asarray(binormal, np.float64)
     k = k / np.linalg.norm(k)
     if all(abs(abs(float(k @ b)) - 1.0) > 1e-12 for b in medium.binormals(wavelength_nm)):
-        raise SceneError(f"conical refraction: the direction is no binormal of {medium.name!r}")
+        raise SceneError(f"conical refraction: the direction is not a binormal of {medium.name!r}")
     n_y = float(np.sort(medium.principal_indices(wavelength_nm))[1])
 
     # Turn D through half a circle; its ray goes once around the ring

@@ -219,7 +219,7 @@ def _body(scene: Scene, name: str, body: Body) -> CrystalBody:
         model = scene.surfaces.get(surface or "")
         if model is None or model.kind != "dielectric" or model.coating is not None:
             raise _refused(
-                scene, f"{place}.surface", f"{surface!r} is no bare dielectric, as crystals need"
+                scene, f"{place}.surface", f"{surface!r} is not a bare dielectric, as crystals need"
             )
     if isinstance(body, RhombBody):
         planes, axis = body.hull()

@@ -205,7 +205,7 @@ class _Reader:
         if len(values) > 4 and self._integer(values, 1, place) == _MODEL_GLASS:
             index, abbe = self._number(values, 3, place), self._number(values, 4, place)
             if index <= 1.0:
-                raise self.fail(place, f"a model glass of index {index:g} is no glass")
+                raise self.fail(place, f"a model glass of index {index:g} is not a glass")
             return GlassName(name=name, model=(index, abbe)), False
         return GlassName(name=name), False
 

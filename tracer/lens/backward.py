@@ -168,7 +168,7 @@ def answer(
 
     run_chunks(run, n, None, threads)
     if lost:
-        raise LensError(f"arriving.exit of row {min(lost)} is no exit of this tree")
+        raise LensError(f"arriving.exit of row {min(lost)} is not an exit of this tree")
     rays = tree.rays.where(root)
     back = replace(
         rays,

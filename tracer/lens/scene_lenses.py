@@ -180,14 +180,14 @@ def _check_body(compilation: Compilation, name: str, body: object, number: int) 
     """Refuse what a lens as a primitive cannot be."""
     remedy = "record the scene with ordinary faces instead"
     if not isinstance(body, LensBody):
-        raise LensError(f"bodies.{name} is no lens; {remedy}")
+        raise LensError(f"bodies.{name} is not a lens; {remedy}")
     for which, face in (("front", body.front), ("back", body.back)):
         if face.cemented is not None:
             raise LensError(
                 f"bodies.{name}.{which} is cemented: a primitive stands alone; {remedy}"
             )
         if face.conic != 0.0 or any(face.aspheric):
-            raise LensError(f"bodies.{name}.{which} is no sphere and no plane; {remedy}")
+            raise LensError(f"bodies.{name}.{which} is neither a sphere nor a plane; {remedy}")
     if body.outer_radius() > max(body.front.semi_diameter or 0.0, body.back.semi_diameter or 0.0):
         raise LensError(f"bodies.{name}.diameter is larger than its faces; {remedy}")
     if body.front.semi_diameter != body.back.semi_diameter:
@@ -200,4 +200,4 @@ def _check_body(compilation: Compilation, name: str, body: object, number: int) 
     for row, which in zip(rows, ("front", "back"), strict=True):
         surface = arrays.surface_i[arrays.face_i[row, F_SURFACE]]
         if surface[S_KIND] != DIELECTRIC or surface[S_MODEL] != 0:
-            raise LensError(f"bodies.{name}.{which} is no bare polished interface; {remedy}")
+            raise LensError(f"bodies.{name}.{which} is not a bare polished interface; {remedy}")

@@ -133,7 +133,7 @@ def parse_scene(
     for key in tree:
         if key == "name" and "bodies" not in tree:
             raise SceneError(
-                f"{origin}: is no scene: the configurations with a name (conoscopy, conical "
+                f"{origin}: this is not a scene: configurations with a name (conoscopy, conical "
                 "refraction) are for raymap verify-crystals --scenes FOLDER"
             )
         if key not in _TABLES:

@@ -36,10 +36,10 @@ def read_picture(folder: str | Path, file: str) -> Array:
     if pixels.ndim == 2:
         pixels = np.repeat(pixels[:, :, None], 3, axis=2)
     if pixels.ndim != 3 or pixels.shape[2] not in (3, 4) or 0 in pixels.shape:
-        raise SceneError(f"{path.name} is no picture of rows, columns and R, G, B")
+        raise SceneError(f"{path.name} is not a picture of rows, columns and R, G, B")
     linear = _linear(pixels[:, :, :3])
     if not np.all(np.isfinite(linear)) or linear.min() < 0.0:
-        raise SceneError(f"{path.name} holds negative light or values that are no numbers")
+        raise SceneError(f"{path.name} holds negative light or values that are not numbers")
     return np.ascontiguousarray(linear[::-1])
 
 

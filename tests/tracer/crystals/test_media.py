@@ -86,7 +86,7 @@ def test_cone_of_internal_conical_refraction():
         (lambda: uniaxial(1.5, 1.6, (0, 0, 0)), "axis must be three numbers, not all zero"),
         (lambda: Crystal(indices=(lambda w: -1.0, 1.5, 1.5)).row(500.0), "at 500 nm"),
         (lambda: uniaxial(1.5, 1.6).binormals(500.0), "not biaxial"),
-        (lambda: conical_rays(biaxial(1.3, 1.4, 1.5), (0, 0, 1), 500.0), "no binormal"),
+        (lambda: conical_rays(biaxial(1.3, 1.4, 1.5), (0, 0, 1), 500.0), "not a binormal"),
     ],
 )
 def test_impossible_crystals_are_refused(make, message):
