@@ -26,7 +26,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.errors import MapExists, SceneError
+from raymap.errors import SceneError
 from raymap.portion import Descriptors, Portion
 from raymap.schema import PORTION_RAYS
 from raymap.writer import RayMapWriter
@@ -40,8 +40,8 @@ from tracer.engine.wavefront import Wavefront
 from tracer.geometry.kinds import MESH
 from tracer.results import RecordResult
 from tracer.scene.arrays import F_KIND, F_OBJECT, F_TRIANGLE
-from tracer.scene.compile import Compilation, compile_scene
-from tracer.scene.load import load_scene
+from tracer.scene.compilations import compilation_of
+from tracer.scene.compile import Compilation
 from tracer.scene.model import Scene
 from tracer.scene.supported import refuse_pinholes
 from tracer.tally import Tally
@@ -221,7 +221,7 @@ def record_polarized(
     ------
     SceneError, MapExists, SceneMismatch
     """
-    compilation = _compiled(scene)
+    compilation = compilation_of(scene)
     if rays < 1:
         raise SceneError(f"rays must be at least 1, not {rays}")
     refuse_pinholes(compilation, "the polarised one")
@@ -274,20 +274,9 @@ def record_polarized(
     )
 
 
-def _compiled(scene: str | Path | Scene | Compilation) -> Compilation:
-    if isinstance(scene, Compilation):
-        return scene
-    return compile_scene(scene if isinstance(scene, Scene) else load_scene(scene))
-
-
 def _writer(path: Path, compilation: Compilation, append: bool, force: bool) -> RayMapWriter:
     if append and path.exists():
         return RayMapWriter.append_to(path, compilation.directory)
-    if path.exists() and not force:
-        raise MapExists(
-            f"{str(path)!r} exists and stays as it is; continue it with append, write over it with "
-            "force, or choose another name"
-        )
     return RayMapWriter.create(path, compilation.directory, meshes=compilation.meshes, force=force)
 
 

@@ -16,10 +16,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.errors import MapExists, SceneError
+from raymap.errors import SceneError
 from raymap.events import Event
 from raymap.kernels import kernel
 from raymap.portion import Descriptors, Portion
+from raymap.replacing import refuse_existing
 from raymap.schema import NORMAL_SCALE, UV_SCALE
 from raymap.writer import RayMapWriter
 from tracer.engine.random import advance, stream_state, uniform
@@ -30,8 +31,8 @@ from tracer.lens.scene_lenses import LensScene
 from tracer.optics.polarization import transverse_axes
 from tracer.optics.polarization_rays import PolarizedRays
 from tracer.scene.arrays import L_MEDIUM, SOURCE_ROW
-from tracer.scene.compile import Compilation, compile_scene
-from tracer.scene.load import load_scene
+from tracer.scene.compilations import compilation_of
+from tracer.scene.compile import Compilation
 from tracer.scene.model import Scene
 from tracer.scene.supported import require_plain_scene
 from tracer.sources import emit_ray, emitted_counts
@@ -234,12 +235,8 @@ def record_lens_trees(
     if emissions < 1:
         raise SceneError(f"emissions must be at least 1, not {emissions}")
     target = Path(path)
-    if target.exists() and not force:
-        raise MapExists(f"{str(path)!r} exists and stays as it is; write over it with force")
-    compilation = scene if isinstance(scene, Compilation) else None
-    if compilation is None:
-        assert not isinstance(scene, Compilation)
-        compilation = compile_scene(scene if isinstance(scene, Scene) else load_scene(scene))
+    refuse_existing(target, force=force)
+    compilation = compilation_of(scene)
     require_plain_scene(compilation, "the tracer of whole lenses")
     tracer = LensTracer(compilation, seed, depth=depth, min_flux=min_flux)
     tally = Tally(compilation.directory, compilation.channel_set)

@@ -18,8 +18,8 @@ from raymap.events import Event
 from raymap.portion import Portion
 from raymap.schema import COLOR_SCALE, NORMAL_SCALE
 from tracer.scattering.goniophotometer import AngularGrid, Goniogram
-from tracer.scene.compile import Compilation, compile_scene
-from tracer.scene.load import load_scene
+from tracer.scene.compilations import compilation_of
+from tracer.scene.compile import Compilation
 from tracer.scene.model import Scene
 
 __all__ = ["measure_scene"]
@@ -57,7 +57,7 @@ def measure_scene(
     """
     if rays < 2 * _BATCHES:
         raise SceneError(f"goniophotometer: at least {2 * _BATCHES} rays are needed, got {rays}")
-    compilation = _compiled(scene)
+    compilation = compilation_of(scene)
     if len(compilation.directory.sources) != 1:
         raise SceneError("the goniophotometer needs a scene with exactly one source, a beam")
     cells = grid or AngularGrid()
@@ -73,12 +73,6 @@ def measure_scene(
     colors = np.array(compilation.channel_set.source_colors[0])
     wavelengths = compilation.channel_set.wavelengths_nm
     return [tally.goniogram(k, float(colors[k]), wavelengths[k]) for k in range(len(wavelengths))]
-
-
-def _compiled(scene: str | Path | Scene | Compilation) -> Compilation:
-    if isinstance(scene, Compilation):
-        return scene
-    return compile_scene(scene if isinstance(scene, Scene) else load_scene(scene))
 
 
 def _traced(compilation: Compilation, counts: NDArray[np.int64], seed: int) -> Iterator[Portion]:
