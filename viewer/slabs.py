@@ -83,11 +83,13 @@ def _strips(
     long = near[rows] + _share(levels - a, c - a) * (far - near)[rows]
     before = near[rows] + _share(levels - a, b - a) * (middle - near)[rows]
     behind = middle[rows] + _share(levels - b, c - b) * (far - middle)[rows]
-    short = np.where((levels <= b)[:, None], before, behind)
-    # Two triangles between a cut and the next; at the ends one of them is a line
+    short = np.where(((levels <= b) & (a < b))[:, None], before, behind)
+    # Two triangles between a cut and the next; at a corner by itself one of them is a line
     at = np.flatnonzero((rows[1:] == rows[:-1]) & (levels[1:] > levels[:-1]))
-    one = np.stack((long[at], long[at + 1], short[at + 1]), axis=1)[levels[at + 1] < c[at]]
-    other = np.stack((long[at], short[at + 1], short[at]), axis=1)[levels[at] > a[at]]
+    one = np.stack((long[at], long[at + 1], short[at + 1]), axis=1)
+    other = np.stack((long[at], short[at + 1], short[at]), axis=1)
+    one = one[(levels[at + 1] < c[at]) | (b[at] == c[at])]
+    other = other[(levels[at] > a[at]) | (a[at] == b[at])]
     pieces = np.concatenate((one, other)).astype(np.float32)
     return pieces[:, :, :3], pieces[:, :, 3:]
 

@@ -15,9 +15,15 @@ def area(corners: np.ndarray) -> np.ndarray:
     return 0.5 * np.cross(b - a, c - a)
 
 
-def test_pieces_lie_in_one_slab_each_and_cover_the_triangles_once() -> None:
+@pytest.mark.parametrize("level", [False, True])
+def test_pieces_lie_in_one_slab_each_and_cover_the_triangles_once(level: bool) -> None:
     rng = np.random.default_rng(5)
     corners = rng.normal(size=(40, 3, 3)).astype(np.float32)
+    if level:
+        # An edge across the line of sight, as along every wall of a tube
+        for k in range(len(corners)):
+            one, other = k % 3, (k + 1) % 3
+            corners[k, one, ::2] = corners[k, other, ::2]
     depth = corners @ FORWARD
     bounds = np.linspace(depth.min(), depth.max(), 19)
     pieces, normals = cut_into_slabs(corners, 2 * corners + 1, FORWARD, bounds)
