@@ -211,7 +211,9 @@ def image(
     output: Annotated[
         Path,
         typer.Option(
-            "-o", "--output", help=".png, .tiff, .exr, .csv or .npy; an existing file is replaced."
+            "-o",
+            "--output",
+            help=".png, .tiff, .exr, .csv, .npy or .ies; an existing file is replaced.",
         ),
     ],
     criterion: Criterion = None,

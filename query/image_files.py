@@ -21,7 +21,7 @@ KINDS = (
     "rgb", "flux", "flux_se", "rays", "density", "density_se", "irradiance", "illuminance",
     "intensity", "candela", "radiance", "luminance", "spectral",
 )  # fmt: skip
-_SUFFIXES = (".png", ".tif", ".tiff", ".exr", ".csv", ".npy")
+_SUFFIXES = (".png", ".tif", ".tiff", ".exr", ".csv", ".npy", ".ies")
 
 
 def _upright(values: NDArray[Any]) -> NDArray[Any]:
@@ -105,7 +105,8 @@ def write_image(
     ``.png``: sRGB or 16-bit grey scaled to its largest value. ``.tiff``: float32 in physical units
     (package tifffile). ``.exr``: float32 in physical units, R, G, B or named channels. ``.csv``: a
     row per cell with place, flux, errors and channels, whatever the kind. ``.npy``: float64 in
-    physical units, row 0 at the bottom as cells count.
+    physical units, row 0 at the bottom as cells count. ``.ies``: the candela of a far field as a
+    luminaire, whatever the kind.
 
     Parameters
     ----------
@@ -133,6 +134,10 @@ def write_image(
                 np.save(file, values_of(image, kind))
         elif suffix == ".exr":
             _write_exr(beside, image, kind)
+        elif suffix == ".ies":
+            from query.ies_file import write_ies
+
+            write_ies(image, beside)
         elif suffix == ".csv":
             _write_csv(beside, image)
         else:
