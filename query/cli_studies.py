@@ -42,7 +42,7 @@ def audit(
             {"object": name, "rays": entry["rays"], "flux": entry["flux"]}
             for name, entry in answer["absorbed_by"].items()
         ]
-        print_rows(takers, "absorbed by")
+        print_rows(takers, "absorbed by", result.flux_unit)
 
 
 def ghosts(
@@ -71,7 +71,8 @@ def ghosts(
             first, second = row["labels"]
             left = {k: v for k, v in row.items() if k not in ("criterion", "labels")}
             rows.append(left | {"first": first, "second": second})
-        print_rows(rows, f"two-reflection ghosts, {matrix.total:.5g} {matrix.flux_unit}")
+        unit = matrix.flux_unit
+        print_rows(rows, f"two-reflection ghosts, {matrix.total:.5g} {unit}", unit)
 
 
 def illuminated(
@@ -92,7 +93,9 @@ def illuminated(
             return
         from query.terminal import print_rows
 
-        print_rows(result.to_json()["objects"], f"objects lit, and seen by {result.detector}")
+        unit = ray_map.directory.flux_unit
+        objects = result.to_json()["objects"]
+        print_rows(objects, f"objects lit, and seen by {result.detector}", unit)
         typer.echo(f"illuminated and critical: {', '.join(result.both) or 'none'}")
 
 
@@ -115,7 +118,7 @@ def sweep(
         from query.terminal import print_rows
 
         shown = [{k: v for k, v in row.items() if k != "parameters"} for row in rows]
-        print_rows(shown, f"flux at {detector} by source")
+        print_rows(shown, f"flux at {detector} by source", ray_map.directory.flux_unit)
 
 
 def compare(

@@ -109,16 +109,25 @@ def _counted(words: list[str]) -> list[str]:
     return short
 
 
-def print_rows(rows: list[dict[str, Any]], title: str) -> None:
-    """Dictionaries with equal keys as a table."""
+def print_rows(rows: list[dict[str, Any]], title: str, unit: str = "") -> None:
+    """Dictionaries with equal keys as a table; ``unit`` of columns that are called flux."""
     view = Table(title=Text(title))
     names = list(rows[0]) if rows else []
     for name in names:
         numeric = isinstance(rows[0][name], int | float)
-        view.add_column(Text(name), justify="right" if numeric else "left", overflow="fold")
+        justify: Any = "right" if numeric else "left"
+        view.add_column(Text(_heading(name, unit)), justify=justify, overflow="fold")
     for row in rows:
-        view.add_row(*(Text(_cell(row[name])) for name in names))
+        cells = (f"{row[name]:.3%}" if name == "share" else _cell(row[name]) for name in names)
+        view.add_row(*map(Text, cells))
     _console().print(view)
+
+
+def _heading(name: str, unit: str) -> str:
+    """A key of JSON as the head of a column."""
+    if name.endswith(("flux_se", "difference_se")):
+        return "±"
+    return name.replace("_", " ") + (f" [{unit}]" if unit and "flux" in name else "")
 
 
 def _cell(value: Any) -> str:
