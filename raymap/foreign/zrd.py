@@ -98,8 +98,8 @@ class ZrdFile:
             )
         if kind or self.version not in SEGMENT:
             raise ZrdError(
-                f"{self.name}: is no Zemax ray database of a known version (begins with {first}; "
-                f"known are {', '.join(map(str, SEGMENT))})"
+                f"{self.name}: is not a Zemax ray database of a known version (begins with "
+                f"{first}; known are {', '.join(map(str, SEGMENT))})"
             )
         self.dtype = SEGMENT[self.version]
         self._data = data

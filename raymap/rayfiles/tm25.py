@@ -97,7 +97,7 @@ def read(path: Path) -> RaySet:
     Raises
     ------
     RayFileError
-        It is no TM-25 file, its header contradicts itself or the length of the file, or its rays
+        It is not a TM-25 file, its header contradicts itself or the length of the file, or its rays
         are no light. Fluxes of the header that differ from the sum of the rays only warn.
     """
     size = path.stat().st_size
@@ -140,7 +140,7 @@ def _check_head(name: str, head: _Header, flags: tuple[int, ...]) -> None:
     )  # fmt: skip
     trouble = ""
     if head.magic != MAGIC:
-        raise RayFileError(f"{name}: is no TM-25 file (it does not begin with TM25)")
+        raise RayFileError(f"{name}: is not a TM-25 file (it does not begin with TM25)")
     if head.version not in _VERSIONS:
         raise RayFileError(
             f"{name}: TM-25 version {head.version} is not known; known are 2013 and 2020"

@@ -139,9 +139,9 @@ def _read_text(path: Path) -> RaySet:
                 table = np.loadtxt(file, np.float64, comments="!", ndmin=2)
     except (ValueError, IndexError, UnicodeDecodeError):
         raise RayFileError(
-            f"{name}: is no Zemax source file: neither the binary header nor a first line with the "
-            "number of rays and the unit of length (0 m, 1 in, 2 cm, 3 ft, 4 mm), then seven or "
-            "eight numbers a line"
+            f"{name}: is not a Zemax source file: neither the binary header nor a first line with "
+            "the number of rays and the unit of length (0 m, 1 in, 2 cm, 3 ft, 4 mm), then seven "
+            "or eight numbers a line"
         ) from None
     if not 0 <= unit < len(_UNITS):
         raise RayFileError(f"{name}: unit of length {unit}; units are 0 (m) to 4 (mm)")

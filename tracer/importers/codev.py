@@ -108,6 +108,7 @@ class _Reader:
         self.drafts: list[_Draft] = []
         self.ended = False
         self.radius_mode = True
+        self.mode_said = False
         self.private: dict[str, tuple[tuple[float, float], ...]] = {}
         self.in_private = False
         self.private_nm: list[float] = []
@@ -155,6 +156,7 @@ class _Reader:
     # -- the head --------------------------------------------------------------------------------
 
     def _mode(self, words: list[str]) -> None:
+        self.mode_said = True
         self.radius_mode = len(words) < 2 or words[1].upper().startswith("Y")
 
     def _title(self, words: list[str]) -> None:
@@ -311,8 +313,15 @@ class _Reader:
     def finish(self) -> Prescription:
         if len(self.drafts) < 3 or not self.ended:
             raise SceneError(
-                f"{self.origin}: is no CODE V lens file: it needs an object SO, surfaces S and an "
-                "image SI"
+                f"{self.origin}: is not a CODE V lens file: it needs an object SO, surfaces S and "
+                "an image SI"
+            )
+        if not self.mode_said:
+            warnings.warn(
+                f"{self.origin}: does not say whether its surfaces have radii (RDM) or curvatures "
+                "(RDM N); they are read as radii",
+                ImportWarning,
+                stacklevel=2,
             )
         wavelengths = self.lists.get("WL") or [587.5618]
         weights = self.lists.get("WTW") or []

@@ -240,8 +240,8 @@ class _Reader:
         surfaces = tuple(self.surfaces())
         if len(surfaces) < 3:
             raise SceneError(
-                f"{self.origin}: is no Zemax lens file: it has {len(surfaces)} surfaces (SURF), at "
-                "least object, one surface and image are needed"
+                f"{self.origin}: is not a Zemax lens file: it has {len(surfaces)} surfaces (SURF), "
+                "at least object, one surface and image are needed"
             )
         configurations = self.header.get("MNUM") or ["1"]
         if self._integer(configurations, 0, "MNUM") > 1:

@@ -36,7 +36,7 @@ def read(path: Path) -> IntensityGrid:
     lines = path.read_text(encoding="latin-1").splitlines()
     start = next((k for k, line in enumerate(lines) if line.strip().upper().startswith("TILT")), -1)
     if start < 0:
-        raise SceneError(f"{path.name}: is no IES LM-63 file (it has no TILT line)")
+        raise SceneError(f"{path.name}: is not an IES LM-63 file (it has no TILT line)")
     numbers = _numbers(path.name, lines[start + 1 :], start + 2)
     if "INCLUDE" in lines[start].upper().partition("=")[2]:
         # Geometry of the lamp, angles and factors of a lamp that is tilted: the source is not

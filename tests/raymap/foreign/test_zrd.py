@@ -182,7 +182,7 @@ LIES = {
     "holds no ray": lambda raw: raw[:8],
     "compressed full data": lambda raw: changed(raw, 0, "<i", 22002),
     "compressed basic data": lambda raw: changed(raw, 0, "<i", 12003),
-    "no Zemax ray database": lambda raw: b"TM25" + raw[4:],
+    "not a Zemax ray database": lambda raw: b"TM25" + raw[4:],
     "begins with 1999": lambda raw: changed(raw, 0, "<i", 1999),
     "has 2000000000 segments": lambda raw: changed(raw, 8, "<i", 2_000_000_000),
     "has 0 segments": lambda raw: changed(raw, 8, "<i", 0),

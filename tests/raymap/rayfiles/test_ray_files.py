@@ -223,7 +223,7 @@ def patched(raw: bytes, offset: int, form: str, *values: float) -> bytes:
 
 FIRST_RAY = 36288
 TM25_LIES = {
-    "is no TM-25 file": lambda raw: b"XM25" + raw[4:],
+    "is not a TM-25 file": lambda raw: b"XM25" + raw[4:],
     "version 1999": lambda raw: patched(raw, 4, "<i", 1999),
     "promises no rays": lambda raw: patched(raw, 20, "<Q", 0),
     "promises 2000 rays": lambda raw: patched(raw, 20, "<Q", 2000),

@@ -251,6 +251,9 @@ def test_curvatures_or_radii(tmp_path: Path) -> None:
     for a, b in zip(by_radius.surfaces, by_curvature.surfaces, strict=True):
         assert a.curvature == b.curvature
     assert by_curvature.stop == 1
+    with pytest.warns(ImportWarning, match=r"radii \(RDM\) or curvatures"):
+        unsaid = parse_codev("EPD 5\nSO 0 1e11\nS 50 3 BK7\nSTO\nS -50 40\nSI 0 0\n")
+    assert unsaid.surfaces == by_radius.surfaces
 
 
 def test_check_reports_the_design(tmp_path: Path) -> None:
@@ -317,11 +320,14 @@ def test_what_cannot_be_taken_is_named(change: tuple[str, str], words: str, tmp_
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("SO 0 1e11\nS 50 3 BK7\nSTO\nS -50 40\nSI 0 0\n", "says neither how wide its beam is"),
+        (
+            "RDM\nSO 0 1e11\nS 50 3 BK7\nSTO\nS -50 40\nSI 0 0\n",
+            "says neither how wide its beam is",
+        ),
         ("EPD 5\nSO 0 1e11\nS 50 3 BK7\nCYL\nS 0 5\nSI 0 0\n", "surface 1: is a cylinder"),
         ("EPD 5\nSO 0 1e11\nS 50 3 BK7\nADE 5\nS 0 5\nSI 0 0\n", "surface 1: is shifted or tilted"),
         ("EPD 5\nSO 0 1e11\nS 50 3 BK7\nS x 5\nSI 0 0\n", "'x' stands where S expects a number"),
-        ("EPD 5\nhello\n", "is no CODE V lens file"),
+        ("EPD 5\nhello\n", "is not a CODE V lens file"),
         ("EPD 5\nSO 0 1e11\nS 50 3 BK7\nJ 5\nS 0 5\nSI 0 0\n", "has the coefficient J"),
     ],
 )
@@ -341,7 +347,7 @@ def test_files_that_are_none(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match=r"binary\.zmx"):
         load_scene(tmp_path / "binary.zmx")
     (tmp_path / "empty.zmx").write_bytes(b"")
-    with pytest.raises(SceneError, match="is no Zemax lens file"):
+    with pytest.raises(SceneError, match="is not a Zemax lens file"):
         load_scene(tmp_path / "empty.zmx")
 
 
