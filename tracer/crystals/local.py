@@ -41,13 +41,6 @@ class InterfaceWaves:
     incident_flux: NDArray[np.float64]
 
     @property
-    def wave_normal(self) -> NDArray[np.float64]:
-        """(n, 4, 3) unit wave normals."""
-        size = np.linalg.norm(self.refraction_vector, axis=-1, keepdims=True)
-        result: NDArray[np.float64] = self.refraction_vector / np.where(size > 0.0, size, 1.0)
-        return result
-
-    @property
     def index(self) -> NDArray[np.float64]:
         """(n, 4) refractive index |N|, 0 for an empty place."""
         size: NDArray[np.float64] = np.linalg.norm(self.refraction_vector, axis=-1)

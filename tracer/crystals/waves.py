@@ -36,7 +36,6 @@ class CrystalWaves:
     direction : (n, 2, 3), unit ray direction
     field : (n, 2, 3), real E of unit length
     index : (n, 2), |N|
-    ray_index : (n, 2), N . direction: phase per length along the ray in units of k0
     """
 
     refraction_vector: Real
@@ -47,11 +46,6 @@ class CrystalWaves:
     def index(self) -> Real:
         size: Real = np.linalg.norm(self.refraction_vector, axis=-1)
         return size
-
-    @property
-    def ray_index(self) -> Real:
-        product: Real = np.einsum("nki,nki->nk", self.refraction_vector, self.direction)
-        return product
 
 
 def _transverse(unit: Real) -> Real:

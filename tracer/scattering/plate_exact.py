@@ -27,7 +27,6 @@ S. A. Prahl, M. J. C. van Gemert, A. J. Welch, Applied Optics 32, 559 (1993): Fr
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -268,9 +267,3 @@ def unscattered(
         reflectance=face + (1.0 - face) ** 2 * face * pass_once**2 / between,
         transmittance=(1.0 - face) ** 2 * pass_once / between,
     )
-
-
-def haze(response: PlateResponse, direct: PlateResponse) -> Column:
-    """Scattered share of the transmitted flux."""
-    share: Column = 1.0 - direct.transmittance / np.maximum(response.transmittance, math.ulp(0.0))
-    return share

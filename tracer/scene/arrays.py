@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from tracer.geometry.kinds import F64, I64
 
 I32 = NDArray[np.int32]
-U64 = NDArray[np.uint64]
 
 # Columns of face_i: kind and shape (`tracer.geometry.kinds`), what a record says of the face, its
 # surface, the bodies behind and before its outward normal (-1 none), the blocking detector that
