@@ -56,6 +56,36 @@ position = [0, 0, -50]
     assert found.entrance_diameter == pytest.approx(4.0 * image / 9.6, rel=1e-3)
 
 
+@pytest.mark.parametrize(("place", "none"), [(-98.0, "exit"), (103.0, "entrance")])
+def test_a_stop_in_a_focal_plane_has_a_pupil_at_infinity(place: float, none: str) -> None:
+    # A plano-convex lens of f = 100 with its focal planes at -98 and 103
+    stop = f'kind = "ring"\nposition = [0, 0, {place}]\ninner = 2\nouter = 9\nstop = true'
+    scene = parse_scene(
+        f"""
+length_unit = "mm"
+[media.glass]
+index = 1.5
+[bodies.lens]
+kind = "lens"
+medium = "glass"
+thickness = 3
+front = {{ semi_diameter = 5 }}
+back = {{ radius = -50, semi_diameter = 5 }}
+[bodies.stop]
+{stop}
+surface = "absorber"
+[sources.lamp]
+kind = "point"
+position = [0, 0, -150]
+"""
+    )
+    found = first_order(scene)
+    assert found.efl == pytest.approx(100.0)
+    assert getattr(found, f"{none}_pupil") is getattr(found, f"{none}_diameter") is None
+    assert (found.f_number is None) == (none == "entrance")
+    assert any(line.startswith("efl") for line in check_lines(examine(scene)))
+
+
 def test_check_reports_what_the_scene_holds() -> None:
     report = examine(load_scene(SAMPLE, variants=["spectral"]))
     assert report["efl"] == pytest.approx(100.0037, abs=5e-5)

@@ -34,9 +34,10 @@ class FirstOrder:
     Attributes
     ----------
     efl, bfl : effective and back focal length
-    f_number : focal length over the diameter of the entrance pupil, None without a stop
-    entrance_pupil, exit_pupil : places of the pupils, None without a stop
-    entrance_diameter, exit_diameter : of the pupils
+    f_number : focal length over the diameter of the entrance pupil, None without one
+    entrance_pupil, exit_pupil : places of the pupils, None without a stop and where the pupil is at
+        infinity (telecentric)
+    entrance_diameter, exit_diameter : of the pupils, None without them
     wavelength_nm : for which this holds
     """
 
@@ -169,21 +170,15 @@ def first_order(scene: Scene, wavelength_nm: float = D_LINE_NM) -> FirstOrder:
         place = stop.position[2]
         behind = [s for s in surfaces if s.z >= place]
         before = [s for s in surfaces if s.z < place]
-        if before:
-            mirrored = _mirrored(before, world)
-            z, scale = _image_of_stop(mirrored, world, -place)
-            numbers["entrance_pupil"] = -z - start
-        else:
-            z, scale = place, 1.0
-            numbers["entrance_pupil"] = place - start
-        numbers["entrance_diameter"] = 2.0 * stop.inner * abs(scale)
-        if behind:
-            z, scale = _image_of_stop(behind, world, place)
-        else:
-            z, scale = place, 1.0
-        numbers["exit_pupil"] = z - start
-        numbers["exit_diameter"] = 2.0 * stop.inner * abs(scale)
-        numbers["f_number"] = abs(efl) / numbers["entrance_diameter"]
+        entrance = _image_of_stop(_mirrored(before, world), world, -place)
+        if entrance is not None:
+            numbers["entrance_pupil"] = -entrance[0] - start
+            numbers["entrance_diameter"] = 2.0 * stop.inner * abs(entrance[1])
+            numbers["f_number"] = abs(efl) / numbers["entrance_diameter"]
+        leaving = _image_of_stop(behind, world, place)
+        if leaving is not None:
+            numbers["exit_pupil"] = leaving[0] - start
+            numbers["exit_diameter"] = 2.0 * stop.inner * abs(leaving[1])
     return FirstOrder(efl=efl, bfl=bfl, wavelength_nm=wavelength_nm, **numbers)
 
 
@@ -207,9 +202,15 @@ def _mirrored(surfaces: list[AxialSurface], world: float) -> list[AxialSurface]:
     ]
 
 
-def _image_of_stop(surfaces: list[AxialSurface], world: float, place: float) -> tuple[float, float]:
-    """Where and how large the stop appears through ``surfaces``."""
+def _image_of_stop(
+    surfaces: list[AxialSurface], world: float, place: float
+) -> tuple[float, float] | None:
+    """Where and how large the stop appears through ``surfaces``, None where at infinity."""
+    if not surfaces:
+        return place, 1.0
     y, angle = _through(surfaces, 0.0, 1.0, world, place)
+    if abs(angle) < 1e-12:
+        return None
     z = surfaces[-1].z - y / angle
     return z, 1.0 / angle
 
