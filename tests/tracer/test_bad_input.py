@@ -201,6 +201,22 @@ SLIPS = {
         '[trace]\nmode = "weighted"\nsplit_depth = 1\nrays_per_emission = 1000000\n',
         r"trace\.rays_per_emission: input should be less than or equal to 65536",
     ),
+    "key of an inner table": (
+        '[surfaces.x]\nkind = "mirror"\nreflectance = { rgbb = [1, 1, 1] }\n',
+        r"surfaces\.x\.reflectance\.rgbb: unknown key; did you mean 'rgb'",
+    ),
+    "key of a spectrum": (
+        '[sources.x]\nkind = "point"\nspectrum = { led = { peak_nm = 525, share = 1 } }\n',
+        r"sources\.x\.spectrum\.led\.share: unknown key; known are peak_nm, width_nm",
+    ),
+    "word for a list": (
+        '[sources.x]\nkind = "point"\nposition = "here"\n',
+        r"sources\.x\.position: input should be a list in brackets \(it is 'here'\)",
+    ),
+    "list that is too long": (
+        '[sources.x]\nkind = "point"\nposition = [1, 2, 3, 4]\n',
+        r"sources\.x\.position: takes at most 3 entries, not 4",
+    ),
 }  # fmt: skip
 
 

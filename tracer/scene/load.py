@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import difflib
+import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
@@ -49,6 +50,21 @@ _PICTURE = ("room", "camera", "render")
 """What only `raymap render` reads (`tracer.render.load`)."""
 
 _OF_MEDIA = set(MediumModel.model_fields)
+
+_TAGS = ("model", "table", "white")
+"""Kinds of a source's spectrum, which are no keys of the file."""
+
+_WORDS = (
+    ("should be a list in brackets", "should be a valid (tuple|list)"),
+    ("should be a table", r"should be a valid dictionary( or (instance|object).*)?"),
+    ("should be a number", "should be a valid number(, unable to parse string as a number)?"),
+    ("input should be a whole number", r"input should be a valid integer(, .*)?"),
+    ("input should be a whole number", "unable to parse input string as an integer.*"),
+    ("should be a text", "should be a valid string"),
+    ("should be true or false", "should be a valid boolean(, .*)?"),
+    (r"takes at \1 \2 entries, not \3", r"\w+ should have at (\w+) (\d+) items? after.*not (\d+)"),
+)
+"""Complaints as users say them: (ours, those of the validation)."""
 
 _NAMED: dict[str, type[BaseModel]] = {
     "media": MediumModel,
@@ -267,27 +283,37 @@ def _first_line(error: ValidationError, model: type[BaseModel], place: str) -> s
     problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
     problem = problems[0]
     parts = [str(part) for part in problem["loc"]]
-    fields = model
+    models: list[type[BaseModel]] = [model]
     for part in parts[:-1]:
-        annotation = fields.model_fields[part].annotation if part in fields.model_fields else None
-        fields = annotation if isinstance(annotation, type) and issubclass(annotation, BaseModel) else fields  # fmt: skip # noqa: E501
-    key = ".".join(part for part in [place, *parts] if part)
+        inner = [m.model_fields[part].annotation for m in models if part in m.model_fields]
+        models = [found for item in inner for found in _models_in(item)] if inner else models
+    key = ".".join(part for part in [place, *parts] if part and part not in _TAGS)
     if problem["type"] == "extra_forbidden":
         if issubclass(model, Body) and parts[-1] in _OF_MEDIA:
             return (
                 f"{key}: unknown key; {parts[-1]} belongs to a medium: write [media.NAME] with "
                 f'{parts[-1]}, and medium = "NAME" here'
             )
-        return f"{key}: unknown key{_nearest(parts[-1], fields.model_fields)}"
+        known = dict.fromkeys(name for item in models for name in item.model_fields)
+        return f"{key}: unknown key{_nearest(parts[-1], known)}"
     if problem["type"] == "missing":
         return f"{key}: is missing"
     message = problem["msg"].removeprefix("Value error, ")
     message = message[0].lower() + message[1:]
+    for ours, theirs in _WORDS:
+        message = re.sub(theirs, ours, message)
     given = problem.get("input")
     shown = f" (it is {given!r})" if isinstance(given, int | float | str) else ""
     more = len(problems) - 1
     rest = f" [and {more} more]" if more else ""
     return f"{key}: {message}{shown}{rest}"
+
+
+def _models_in(annotation: Any) -> list[type[BaseModel]]:
+    """The tables that may stand where a field has an annotation."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [found for item in get_args(annotation) for found in _models_in(item)]
 
 
 def _nearest(name: str, known: Mapping[str, Any]) -> str:
