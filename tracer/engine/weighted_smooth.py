@@ -43,6 +43,9 @@ _SELECT = int(Event.DISPERSIVE_SELECT)
 _GLOSSY_REFLECTION = int(Event.GLOSSY_REFLECTION)
 _GLOSSY_TRANSMISSION = int(Event.GLOSSY_TRANSMISSION)
 
+_TOTAL = 1.0 - 1e-9
+"""A reflectance of all channels that is summed up to this is total but for rounding."""
+
 
 @inner_kernel
 def meet_smooth(
@@ -69,7 +72,7 @@ def meet_smooth(
         r, _ = _shares(surface_i, surface_f, medium_f, tables, surface, medium, other, cos_i, j)
         back += share * r
         chance += share * likely_enough(r, least)
-    splits = not deep and 0.0 < back < 1.0 and keep_twin(rare, twins, ray)
+    splits = not deep and 0.0 < back < _TOTAL and keep_twin(rare, twins, ray)
     # Draw the channel in which light would cross: all that crosses where the ray splits
     state = advance(state)
     u = uniform(state)

@@ -280,6 +280,38 @@ def test_splitting_alone_keeps_all_light_of_every_emission() -> None:
     assert np.allclose(total, 1.0, atol=1e-5)
 
 
+@pytest.mark.parametrize("color", ["[1, 1, 1]", "[0.1, 0.1, 0.6]", "[0.1, 0.2, 0.3]"])
+def test_total_reflection_in_all_channels_does_not_split(color: str) -> None:
+    """Whatever the shares of the channels sum up to in floating point."""
+    scene = compiled(
+        f"""
+[media.flint]
+glass = "SF11"
+absorption = 0
+[bodies.block]
+kind = "box"
+size = [40, 40, 10]
+medium = "flint"
+surface = "absorber"
+faces = {{ z_max = "bare" }}
+[sources.lamp]
+kind = "collimated"
+position = [-10, 0, 0]
+direction = [1.5, 0, 1]
+diameter = 1
+inside = "block"
+spectrum = {{ rgb = {color} }}
+[trace]
+mode = "weighted"
+split_depth = 2
+"""
+    )
+    portion = traced(scene, 500)
+    assert portion.n_rays == 500
+    assert not np.any(portion.event & int(Event.SPECULAR_REFLECTION))
+    assert np.count_nonzero(portion.event & int(Event.TIR)) == 500
+
+
 def test_splitting_does_not_depend_on_blocks_and_portions() -> None:
     scene = compiled(f'{PLATES}\n[trace]\nmode = "weighted"\nsplit_depth = 2')
     whole = Wavefront(scene.arrays, 3, weighted=True).trace(0, 400)
