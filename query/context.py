@@ -21,6 +21,7 @@ from raymap.directory import ChannelSet
 from raymap.events import Event
 from raymap.paths import PathDictionary
 from raymap.portion import Descriptors
+from raymap.rows import offsets_of
 
 if TYPE_CHECKING:
     from query.bound import BoundNode
@@ -32,7 +33,6 @@ __all__ = [
     "PathContext",
     "RayContext",
     "StoredRays",
-    "offsets_of",
 ]
 Ints = NDArray[np.integer]
 
@@ -60,13 +60,6 @@ class StoredRays(Protocol):
     def normals_at(
         self, records: Ints, faces: Ints, position: NDArray[np.float32]
     ) -> NDArray[np.int16]: ...
-
-
-def offsets_of(counts: Ints) -> NDArray[np.int64]:
-    """(n + 1,) running sum that begins with 0."""
-    offsets = np.zeros(len(counts) + 1, np.int64)
-    np.cumsum(counts, out=offsets[1:])
-    return offsets
 
 
 class PathColumns(NamedTuple):

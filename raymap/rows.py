@@ -10,9 +10,16 @@ from numpy.typing import NDArray
 
 from raymap.portion import Descriptors, Portion
 
-__all__ = ["can_join", "join_portions", "rows_of_rays", "take_rays"]
+__all__ = ["can_join", "join_portions", "offsets_of", "rows_of_rays", "take_rays"]
 
 _RECORDS = ("position", "normal", "object", "triangle", "event", "medium")
+
+
+def offsets_of(counts: NDArray[np.integer]) -> NDArray[np.int64]:
+    """(n + 1,) running sum of counts: item i has the rows offsets[i]:offsets[i + 1]."""
+    offsets = np.zeros(len(counts) + 1, np.int64)
+    np.cumsum(counts, out=offsets[1:])
+    return offsets
 
 
 def rows_of_rays(offsets: NDArray[np.int64], rays: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -33,9 +40,9 @@ def take_rays(portion: Portion, rays: NDArray[np.int64], ids: NDArray[np.int64])
     rays : increasing places in the portion
     ids : (len(rays),) their ray numbers
     """
-    offsets = _offsets(portion.records_per_ray)
+    offsets = offsets_of(portion.records_per_ray)
     records = rows_of_rays(offsets, rays)
-    meeting_offsets = _offsets(portion.descriptor_count)
+    meeting_offsets = offsets_of(portion.descriptor_count)
     meetings = rows_of_rays(meeting_offsets, records)
     d = portion.descriptors
     table, codes = _used_colors(portion, records)
@@ -139,9 +146,3 @@ def _ids(portion: Portion) -> NDArray[np.int64]:
     if portion.ray_ids is not None:
         return portion.ray_ids
     return np.arange(portion.first_ray, portion.first_ray + portion.n_rays, dtype=np.int64)
-
-
-def _offsets(counts: NDArray[Any]) -> NDArray[np.int64]:
-    offsets = np.zeros(len(counts) + 1, np.int64)
-    np.cumsum(counts, out=offsets[1:])
-    return offsets
