@@ -118,8 +118,7 @@ def print_rows(rows: list[dict[str, Any]], title: str, unit: str = "") -> None:
         justify: Any = "right" if numeric else "left"
         view.add_column(Text(_heading(name, unit)), justify=justify, overflow="fold")
     for row in rows:
-        cells = (f"{row[name]:.3%}" if name == "share" else _cell(row[name]) for name in names)
-        view.add_row(*map(Text, cells))
+        view.add_row(*(Text(_cell(row[name], name)) for name in names))
     _console().print(view)
 
 
@@ -130,7 +129,11 @@ def _heading(name: str, unit: str) -> str:
     return name.replace("_", " ") + (f" [{unit}]" if unit and "flux" in name else "")
 
 
-def _cell(value: Any) -> str:
+def _cell(value: Any, name: str = "") -> str:
+    if name == "path":
+        return _shorter(str(value))
+    if name == "share":
+        return f"{value:.3%}"
     if isinstance(value, float):
         return f"{value:.5g}"
     if isinstance(value, int) and not isinstance(value, bool):
