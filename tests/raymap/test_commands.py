@@ -198,3 +198,10 @@ def test_the_version_is_that_of_the_package():
     done = CliRunner().invoke(application(), ["--version"])
     assert (done.exit_code, done.stdout) == (0, f"raymap {raymap.__version__}\n")
     assert metadata.version("raymap") == raymap.__version__
+
+
+def test_the_package_runs_as_the_command():
+    done = subprocess.run(
+        [sys.executable, "-m", "raymap", "--version"], capture_output=True, text=True, check=True
+    )
+    assert done.stdout == f"raymap {raymap.__version__}\n"
