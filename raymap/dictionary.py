@@ -21,6 +21,7 @@ from raymap.pathwords import (
     write_paths,
 )
 from raymap.portion import Portion
+from raymap.rows import offsets_of
 from raymap.schema import COLOR_SCALE
 from raymap.scratch import scratch
 
@@ -31,7 +32,6 @@ __all__ = [
     "color_sums",
     "find_paths",
     "itineraries_of",
-    "offsets_of",
 ]
 
 MAX_SHARE = 0.5
@@ -110,13 +110,6 @@ class FoundPaths(NamedTuple):
     numbers: NDArray[np.uint32]
     rays: NDArray[np.int64]
     explicit: NDArray[np.int32]
-
-
-def offsets_of(counts: NDArray[Any]) -> NDArray[np.int64]:
-    """Running sum with a leading zero."""
-    offsets = np.zeros(len(counts) + 1, np.int64)
-    np.cumsum(counts, out=offsets[1:])
-    return offsets
 
 
 def itineraries_of(

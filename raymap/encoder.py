@@ -16,7 +16,6 @@ from raymap.dictionary import (
     color_sums,
     find_paths,
     itineraries_of,
-    offsets_of,
 )
 from raymap.directory import Directory
 from raymap.geometrystreams import PathsTaken, add_geometry
@@ -26,6 +25,7 @@ from raymap.paths import PathDictionary
 from raymap.pathwords import face_columns
 from raymap.portion import Portion
 from raymap.portionmeta import DESCRIPTOR_STREAMS, Encoding, PortionMeta
+from raymap.rows import offsets_of
 from raymap.schema import COLOR_SCALE
 from raymap.scratch import BufferPool
 from raymap.shapes import compile_shapes

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.kernels import lean_kernel
+from raymap.schema import COLOR_SCALE
 
 __all__ = [
     "assign_faces",
@@ -120,7 +121,7 @@ def sum_colors(
         code = codes[ray]
         path = numbers[ray]
         if code < n_channels:
-            sums[path, code] += np.uint64(65535)
+            sums[path, code] += np.uint64(COLOR_SCALE)
         else:
             for channel in range(n_channels):
                 sums[path, channel] += np.uint64(color_table[code - n_channels, channel])

@@ -207,11 +207,6 @@ class StreamSet:
         else:
             self._append(name, 0, ZSTD, WHOLE, Scope.OTHER, 1, len(data), packed)
 
-    def copy(self, entry: StreamEntry, stored: bytes) -> None:
-        """Carry a stream along as it is stored."""
-        self.entries.append(entry)
-        self.buffers.append(stored)
-
     def _append(
         self,
         name: str,

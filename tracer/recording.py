@@ -17,7 +17,7 @@ import numpy as np
 from raymap.cells import is_pinhole
 from raymap.cluster import shares_memory
 from raymap.encoder import EncodedPortion, PortionEncoder
-from raymap.errors import MapExists, SceneError
+from raymap.errors import MapExists, RayMapError, SceneError
 from raymap.portion import Portion
 from raymap.schema import PORTION_RAYS, PORTION_RECORDS
 from raymap.writer import RayMapWriter
@@ -103,6 +103,9 @@ def record(
         raise SceneError(f"seed must be from 0 to 2**63 - 1, not {seed}")
     if rays is None and seconds is None:
         rays = DEFAULT_RAYS
+    here = executor is None or shares_memory(executor)
+    if path is not None and here and not append:
+        _check_target(Path(path), force=force)
     count = threads or os.cpu_count() or 1
     if isinstance(compilation, Compilation):
         encoder = PortionEncoder(compilation.directory, raw=raw, compact=compact)
@@ -111,7 +114,7 @@ def record(
         compilation = order_faces(compilation)
         if compilation.arrays.rare is not None:
             refuse_pinholes(compilation, "the weighted one")
-    if executor is not None and not shares_memory(executor):
+    if executor is not None and not here:
         if path is None:
             raise SceneError("detector results only (no_rays) need an executor of this process")
         if not isinstance(compilation, Compilation):
@@ -171,6 +174,22 @@ def _engine(
     return compilation.wavefront(seed)
 
 
+def _check_target(path: Path, *, force: bool) -> None:
+    """Refuse a map that cannot be created before anything is compiled for it.
+
+    Raises
+    ------
+    MapExists, RayMapError
+    """
+    if path.exists() and not force:
+        raise MapExists(
+            f"{str(path)!r} exists and stays as it is; continue it with --append, write over it "
+            "with --force, or choose another name"
+        )
+    if not path.parent.is_dir():
+        raise RayMapError(f"{path} cannot be created: there is no folder {str(path.parent)!r}")
+
+
 def _writer(
     path: Path,
     compilation: Compilation | CrystalCompilation,
@@ -183,11 +202,6 @@ def _writer(
     if append and path.exists():
         return RayMapWriter.append_to(
             path, compilation.directory, raw=raw, compact=compact, trusted=True
-        )
-    if path.exists() and not force:
-        raise MapExists(
-            f"{str(path)!r} exists and stays as it is; continue it with --append, write over it "
-            "with --force, or choose another name"
         )
     return RayMapWriter.create(
         path,
@@ -230,7 +244,6 @@ class _Run:
         self.portion_rays = portion_rays or fitting
         # Where rays split, emission e has the ray numbers from e times fan on
         self.first_ray = -(-writer.next_ray // self.engine.fan) if writer else 0
-        self.bytes_before = writer.bytes_written if writer else 0
 
     def _seed(self, seed: int | None) -> int:
         if seed is not None:

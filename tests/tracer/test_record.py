@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 import raymap
 from raymap.cli import application
-from raymap.errors import MapExists, SceneMismatch
+from raymap.errors import MapExists, RayMapError, SceneMismatch
 from raymap.schema import PORTION_RECORDS
 from tracer.engine.wavefront import Wavefront
 from tracer.pieces import split_portion
@@ -117,10 +117,18 @@ def test_a_continued_map_is_the_longer_one(lens: Compilation, tmp_path: Path) ->
     assert all(np.array_equal(a[name], b[name]) for name in a)
 
 
-def test_existing_maps_are_kept_and_other_scenes_refused(lens: Compilation, tmp_path: Path) -> None:
+def test_existing_maps_are_kept_and_other_scenes_refused(
+    lens: Compilation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / "a.raymap"
     record(lens, path, rays=100)
     before = path.read_bytes()
+    # Neither is anything compiled for a map that cannot be written
+    for target in (path, tmp_path / "nowhere" / "a.raymap"):
+        with monkeypatch.context() as patched:
+            patched.setattr("tracer.recording.compile_trace", None)
+            with pytest.raises(RayMapError, match="--append|no folder"):
+                record(lens, target, rays=100)
     with pytest.raises(MapExists, match="--append"):
         record(lens, path, rays=100)
     other = compile_scene(load_scene(SAMPLE, variants=["coated"]))
