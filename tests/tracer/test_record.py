@@ -127,7 +127,7 @@ def test_existing_maps_are_kept_and_other_scenes_refused(
     for target in (path, tmp_path / "nowhere" / "a.raymap"):
         with monkeypatch.context() as patched:
             patched.setattr("tracer.recording.compile_trace", None)
-            with pytest.raises(RayMapError, match="--append|no folder"):
+            with pytest.raises(RayMapError, match=r"--append|no folder"):
                 record(lens, target, rays=100)
     with pytest.raises(MapExists, match="--append"):
         record(lens, path, rays=100)
