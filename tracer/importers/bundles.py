@@ -151,10 +151,14 @@ class Bundles:
         goal = np.asarray(targets, float).reshape(-1, 2)
         a, b = self.sequence.stop_matrix(self.primary)
         if origin.slope is not None:
-            start = (goal - b * np.array(origin.slope)) / a
+            moved, reach = goal - b * np.array(origin.slope), a
         else:
             distance, height = -self.sequence.z[0], np.array(origin.height)
-            start = (goal + b * height / distance) / (a + b / distance)
+            moved, reach = goal + b * height / distance, a + b / distance
+        if reach == 0.0:
+            # Rays of one field all cross the stop at one point: its pupil is at infinity
+            return np.full(goal.shape, np.nan)
+        start = moved / reach
         scale = float(np.max(np.abs(start))) + 1e-9
         places = start
         for _ in range(_STEPS):
