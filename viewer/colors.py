@@ -40,17 +40,23 @@ class Legend:
 
 
 def _by_category(
-    values: NDArray[np.integer], labels: dict[int, str], title: str
+    values: NDArray[np.integer], labels: dict[int, str], title: str, *, counts_up: bool = False
 ) -> tuple[Rgb, Legend]:
-    """One palette colour per different value, the commonest first."""
+    """One palette colour per different value, the commonest first.
+
+    ``counts_up`` lists the values of the legend in rising order.
+    """
     different, inverse, counts = np.unique(values, return_inverse=True, return_counts=True)
     order = np.argsort(-counts, kind="stable")
     rank = np.empty(len(order), np.int64)
     rank[order] = np.arange(len(order))
     colors = PALETTE[rank % len(PALETTE)]
+    listed = order[: len(PALETTE)]
+    if counts_up:
+        listed = np.sort(listed)
     entries = tuple(
         LegendEntry(label=labels.get(int(different[i]), str(different[i])), rgb=_rgb(colors[i]))
-        for i in order[: len(PALETTE)]
+        for i in listed
     )
     return colors[inverse], Legend(title=title, entries=entries)
 
@@ -132,7 +138,7 @@ def _per_ray(
         names = {number: source.name for number, source in enumerate(directory.sources)}
         return _by_category(rays.source, names, "source")
     if rule == "reflections":
-        return _by_category(_reflections(rays), {}, "reflections")
+        return _by_category(_reflections(rays), {}, "reflections", counts_up=True)
     if rule == "ending":
         ending = rays.event[rays.offsets[1:] - 1] & int(ENDINGS)
         names = {

@@ -48,6 +48,19 @@ def test_categories_get_one_colour_each(
     assert shown == {tuple(int(x) for x in next(iter(found))) for found in colors.values()}
 
 
+def test_reflections_are_listed_in_rising_order(small_map: raymap.RayMap) -> None:
+    rays = read_rays(small_map, 0, np.arange(200))
+    # The commonest number of reflections is not the smallest
+    reflected = [key_of(rays, "reflections", ray) for ray in range(rays.n_rays)]
+    kept = np.flatnonzero([count != min(reflected) for count in reflected])[:20]
+    kept = np.sort(np.append(kept, int(np.argmin(reflected))))
+    few = read_rays(small_map, 0, kept)
+    _, legend = color_lines(few, build_lines(few), "reflections", small_map.directory)
+    labels = [int(entry.label) for entry in legend.entries]
+    assert len(labels) > 1
+    assert labels == sorted(labels)
+
+
 @pytest.mark.parametrize("rule", COLOR_RULES)
 @pytest.mark.parametrize("dark", [True, False])
 def test_every_rule_colours_every_segment(
