@@ -61,11 +61,11 @@ def _cross(face_i: I64, body_i: I64, face: int, nest: int, cosine: float) -> int
     if inside >= 0:
         if cosine < 0.0:
             if outside >= 0:
-                beyond = leave_body(beyond, outside)
+                beyond = leave_body(beyond, outside, body_i)
             if beyond >= 0:
                 beyond = enter_body(beyond, inside, body_i)
         else:
-            beyond = leave_body(beyond, inside)
+            beyond = leave_body(beyond, inside, body_i)
             if beyond >= 0 and outside >= 0:
                 beyond = enter_body(beyond, outside, body_i)
     return beyond

@@ -93,6 +93,8 @@ _TOUCHING = 1e-9
 _OFF = 1e-13
 """Share of the scene's radius that takes a ray off a face: more than rounding, far below the above,
 so that it counts as rounding at all but grazing incidence."""
+_ROUNDING, _STEP = 1e-12, 1e-15
+"""The same for scenes far from the origin, as shares of its distance: rounding grows with it."""
 
 
 @stage_kernel
@@ -191,7 +193,9 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
     meetings, meeting_t, colors, counters = b.meetings, b.meeting_t, b.colors, b.counters
     n_channels = colors.shape[1]
     volume_key = 2 * len(face_i) + len(scene.source_i)
-    tiny, off = _TOUCHING * sphere[3], _OFF * sphere[3]
+    far = max(abs(sphere[0]), abs(sphere[1]), abs(sphere[2]))
+    tiny = max(_TOUCHING * sphere[3], _ROUNDING * far)
+    off = max(_OFF * sphere[3], _STEP * far)
     meshed = len(live_f) > MESH_POINT
     kept = number(0)
     r = counters[RECORDS]
@@ -234,8 +238,8 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
             t = _to_sphere(sphere, x, y, z, dx, dy, dz)
         if virtual != 0 and near_planes(sphere, x, y, z, ux, uy, uz, t):
             pass_planes(
-                detector_i, detector_f, last, x, y, z, ux, uy, uz, t, words, meetings, meeting_t,
-                counters,
+                detector_i, detector_f, last, x, y, z, ux, uy, uz, t, tiny, words, meetings,
+                meeting_t, counters,
             )  # fmt: skip
         pass_views(
             views, detector_i, detector_f, last, x, y, z, ux, uy, uz, t, event == LEFT_SCENE,
@@ -279,7 +283,11 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
                 ignored = True
                 counters[IGNORED] += 1
                 x, y, z = x + off * dx, y + off * dy, z + off * dz
-            elif beyond >= 0 and top_body(beyond) == top_body(nest) and face_i[met, F_INSIDE] >= 0:
+            elif (
+                beyond >= 0
+                and top_body(beyond, body_i) == top_body(nest, body_i)
+                and face_i[met, F_INSIDE] >= 0
+            ):
                 ignored = True
                 nest = beyond
             own = int(met)
@@ -301,7 +309,7 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
                 if beyond < 0:
                     event |= GEOMETRY_ERROR
                 else:
-                    body = top_body(beyond)
+                    body = top_body(beyond, body_i)
                     other = body_i[unsigned(body), B_MEDIUM] if body >= 0 else world
                     happened, crosses, dx, dy, dz, code, state, weight = meet(
                         rare, twins, ray, ray_i[N_RECORDS, unsigned(ray)] >= depth, x, y, z,

@@ -59,17 +59,26 @@ def near_planes(
 @inner_kernel
 def pass_planes(
     detector_i: I64, detector_f: F64, record: int, x: float, y: float, z: float, dx: float,
-    dy: float, dz: float, t_end: float, words: I32, meetings: I32, meeting_t: F64, counters: I64,
+    dy: float, dz: float, t_end: float, reach: float, words: I32, meetings: I32, meeting_t: F64,
+    counters: I64,
 ) -> None:  # fmt: skip
-    """Note the virtual planes that a segment crosses."""
+    """Note the virtual planes that a segment crosses, or on which it ends.
+
+    What is within ``reach`` of a plane lies on it: light that meets a face in the plane of a
+    detector is counted as it arrives, and not again as it goes on.
+    """
     for d in range(len(detector_i)):
         if detector_i[d, D_VIRTUAL] == 0:
             continue
         s = detector_f[d]
         d_n = dx * s[9] + dy * s[10] + dz * s[11]
-        t = ((s[0] - x) * s[9] + (s[1] - y) * s[10] + (s[2] - z) * s[11]) / d_n
-        if not 0.0 < t <= t_end:
+        height = (x - s[0]) * s[9] + (y - s[1]) * s[10] + (z - s[2]) * s[11]
+        if abs(height) <= reach:
             continue
+        t = -height / d_n
+        if not (t > 0.0 and (t <= t_end or abs(height + t_end * d_n) <= reach)):
+            continue
+        t = min(t, t_end)
         px, py, pz = x + t * dx - s[0], y + t * dy - s[1], z + t * dz - s[2]
         p_u = px * s[3] + py * s[4] + pz * s[5]
         p_v = px * s[6] + py * s[7] + pz * s[8]

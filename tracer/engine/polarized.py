@@ -156,7 +156,7 @@ def _beyond(
     behind = _crossed(scene, nest, face, cosine, x, y, z)
     body = inside if entering else outside
     if behind >= 0:
-        body = top_body(behind)
+        body = top_body(behind, scene.body_i)
     elif entering and inside < 0:
         return medium
     # Where bodies overlap and the ray crossed hidden faces, what stands at the face counts

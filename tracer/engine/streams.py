@@ -172,7 +172,7 @@ def _follow(
         room = len(b.words) - b.counters[RECORDS] - b.counters[LIVE]
         if beyond < 0 or legs == most or (legs > 0 and size > room):
             break
-        body = top_body(beyond)
+        body = top_body(beyond, scene.body_i)
         other = scene.body_i[unsigned(body), B_MEDIUM] if body >= 0 else scene.limits[WORLD]
         look_up(scene.medium_i, scene.medium_f, f, g, b.colors.shape[1], medium, other, size)
         meet_face(scene.face_f, face, scene.face_i[face, F_KIND], f, row, size)
@@ -220,14 +220,14 @@ def _cross(
         return -1, inward
     if inward:
         if outside >= 0:
-            beyond = leave_body(beyond, outside)
+            beyond = leave_body(beyond, outside, body_i)
         if beyond >= 0:
             beyond = enter_body(beyond, inside, body_i)
     else:
-        beyond = leave_body(beyond, inside)
+        beyond = leave_body(beyond, inside, body_i)
         if beyond >= 0 and outside >= 0:
             beyond = enter_body(beyond, outside, body_i)
-    if beyond >= 0 and top_body(beyond) == top_body(nest):
+    if beyond >= 0 and top_body(beyond, body_i) == top_body(nest, body_i):
         beyond = -1
     return beyond, inward
 

@@ -37,6 +37,10 @@ M_DISPERSIVE, M_PARTICIPATING = range(2)
 # Columns of body_i
 B_MEDIUM, B_PRIORITY = range(2)
 
+NEST_BITS, FEW_SOLIDS, WORD_FEW, WORD_MANY = 63, 510, 9, 15
+"""Bits of a nest (see `tracer.engine.nests`); up to so many solids its words have the first number
+of bits, else the second."""
+
 # Columns of source_i; source_f: center 0-2, normal 3-5, u 6-8, v 9-11, half sizes or inner and
 # outer radius 12-13, cosine that limits the cone 14, direction of a collimated beam 15-17, normal
 # in the record 18-20, place in the pool of light 21, tilt of a ring [rad] 22, then the shares of

@@ -113,7 +113,7 @@ def _as_names(value: Any) -> Any:
     return (value,) if isinstance(value, str) else value
 
 
-Names = Annotated[tuple[str, ...], Field(max_length=3), BeforeValidator(_as_names)]
+Names = Annotated[tuple[str, ...], Field(max_length=7), BeforeValidator(_as_names)]
 
 _KEYS: dict[str, tuple[str, ...]] = {
     "collimated": ("diameter", "inner_diameter", "size", "direction", "aim", "distance"),
@@ -145,7 +145,8 @@ class SourceModel(Placed):
         evenly from a disc or rectangle
     rays : a list of rays (``file`` or ``light``), drawn by their flux or emitted ``in_order``
 
-    ``inside`` names the solids in which the source stands, from the outside in: at most three.
+    ``inside`` names the solids in which the source stands, from the outside in: at most seven
+    (four in scenes of more than 510 solids).
 
     ``polarisation`` is the direction in which light vibrates as far as it lies across the ray; the
     polarised tracer and crystals heed it, the tracer of natural light does not.

@@ -17,6 +17,7 @@ from tracer.optics.spectrum import SourceSpectrum, tabulated_spectrum
 from tracer.scene.arrays import (
     BY_TABLE,
     COLLIMATED,
+    FEW_SOLIDS,
     FROM_DISC,
     FROM_LIST,
     FROM_PICTURE,
@@ -24,8 +25,11 @@ from tracer.scene.arrays import (
     FROM_RECTANGLE,
     FROM_RING,
     LAMBERTIAN_CONE,
+    NEST_BITS,
     SOURCE_ROW,
     UNIFORM_CONE,
+    WORD_FEW,
+    WORD_MANY,
 )
 from tracer.scene.fields import ByWavelength
 from tracer.scene.light_pool import LightPool, PooledList, length_in
@@ -254,7 +258,10 @@ class SourceTable:
             within.insert(above, solid)
         if not within:
             return 0, self.world
-        nest = sum(self.nests[solid][0] << 16 * k for k, solid in enumerate(within))
+        bits = WORD_FEW if len(self.nests) <= FEW_SOLIDS else WORD_MANY
+        if len(within) > NEST_BITS // bits:
+            raise self.fail(f"{name}.inside", f"names more than {NEST_BITS // bits} solids")
+        nest = sum(self.nests[solid][0] << bits * k for k, solid in enumerate(within))
         return nest, self.nests[within[0]][1]
 
     # -- colour and flux -----------------------------------------------------------------------

@@ -159,3 +159,19 @@ def test_a_chip_on_its_board_shines_away_from_it(lamp: str, board: str) -> None:
     scene = parse_scene(ON_A_BOARD.format(board=board, lamp=lamp))
     result = record(scene, rays=2_000, no_rays=True, threads=1)
     assert result.audit["lamp"]["left"] == 2_000, result.audit
+
+
+def test_solids_may_lie_in_one_another_six_deep() -> None:
+    text = 'length_unit = "mm"\n'
+    for k in range(6):
+        text += f"""
+[media.m{k}]
+index = {1.1 + 0.1 * k}
+[bodies.b{k}]
+kind = "sphere"
+radius = {6 - k}
+medium = "m{k}"
+"""
+    text += '[sources.lamp]\nkind = "collimated"\nposition = [0, 0, -9]\ndiameter = 9\n'
+    result = record(parse_scene(text), rays=2_000, no_rays=True, threads=1)
+    assert result.audit["lamp"]["left"] == 2_000, result.audit
