@@ -104,6 +104,10 @@ def _read(
         ) from error
     if not file.is_file():
         raise SceneError(f"mesh {body!r}: there is no file {file}")
+    if file.suffix.lower() in (".step", ".stp"):
+        raise SceneError(
+            f"mesh {body!r}: {file.name} holds solids, not triangles; name it in [cad_files]"
+        )
     options: dict[str, Any] = {"process": False}
     if file.suffix.lower() == ".obj":
         options |= {"split_objects": True, "split_groups": True}

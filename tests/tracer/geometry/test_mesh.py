@@ -176,6 +176,9 @@ def test_bad_files_are_refused_in_one_line(tmp_path: Path) -> None:
         load_mesh(tmp_path / "none.stl")
     broken = tmp_path / "broken.ply"
     broken.write_text("not a mesh")
+    (tmp_path / "part.STEP").write_text("ISO-10303-21;")
+    with pytest.raises(SceneError, match=r"name it in \[cad_files\]"):
+        load_mesh(tmp_path / "part.STEP")
     with pytest.raises(SceneError, match="cannot be read as a mesh"):
         load_mesh(broken)
     with pytest.raises(SceneError, match="no colours"):
