@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from query import DetectorImage, detector_image
-from raymap import ChannelSet, Detector, RayMap, RayMapError
+from query import detector_image
+from raymap import RayMap, RayMapError
 from raymap.cli import application
+from tests.far_fields import far_field
 from viewer import chart
 from viewer.chart_numbers import beam_planes, full_angle, numbers_of
 
@@ -31,29 +32,6 @@ def test_a_curve_that_does_not_fall_has_no_angle() -> None:
     assert full_angle(gamma, np.zeros(81), 0.5) is None
     everywhere = np.linspace(-180, 180, 361)
     assert full_angle(everywhere, 1 - np.cos(np.radians(everywhere)), 0.5) is None
-
-
-def far_field(intensity: Any, cells: tuple[int, int]) -> DetectorImage:
-    """A far field whose cells hold exactly the flux of an intensity over (gamma, C)."""
-    detector = Detector(
-        name="far", kind="far_field", cells=cells, parameters={"gamma_deg": (0.0, 90.0)}
-    )
-    gamma = np.radians((np.arange(cells[1]) + 0.5) * 90 / cells[1])[:, None]
-    c = np.radians((np.arange(cells[0]) + 0.5) * 360 / cells[0])[None, :]
-    image = DetectorImage(
-        detector=detector,
-        channel_set=ChannelSet(
-            kind="rgb", wavelengths_nm=(611, 549, 464), luminous=(0.2, 0.7, 0.1)
-        ),
-        flux_unit="lm",
-        length_unit="mm",
-        channels=np.zeros((cells[1], cells[0], 3)),
-        variance=np.zeros((cells[1], cells[0])),
-        rays=np.ones((cells[1], cells[0]), np.int64),
-    )
-    assert image.measure is not None
-    image.channels[:, :, 1] = intensity(gamma, c) * image.measure.values
-    return image
 
 
 def test_planes_of_a_beam_that_is_wide_across_and_narrow_along() -> None:
