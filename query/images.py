@@ -16,11 +16,12 @@ from query.pictures import DetectorImage
 from query.scan import Cancel, Progress, Scan
 from query.search import Found
 from query.selector import bind_all
-from query.tally import source_factors, squares_by_emission
+from query.tally import source_factors
 from query.tally import sums as weighted_counts
 from raymap.cells import is_pinhole
 from raymap.directory import Detector
 from raymap.errors import RayMapError
+from raymap.rows import squares_by_emission
 from raymap.schema import COLOR_SCALE
 
 if TYPE_CHECKING:

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.directory import Directory
+from raymap.rows import squares_by_emission
 
 __all__ = [
     "Estimate",
     "Tally",
     "estimate",
     "source_factors",
-    "squares_by_emission",
     "sums",
     "variances",
 ]
@@ -75,8 +75,6 @@ class Tally:
             ones = rays.astype(np.float64)
             return cls(rays, ones, ones)
         sum_w = sums(labels, weight, size)
-        if emission is None:
-            return cls(rays, sum_w, sums(labels, weight**2, size))
         return cls(rays, sum_w, squares_by_emission(labels, weight, emission, size))
 
     def __add__(self, other: Tally) -> Tally:
@@ -90,17 +88,6 @@ def sums(labels: Ints, values: Floats, size: int) -> Floats:
     """Sum of the values of each label."""
     result: Floats = np.bincount(labels, values, size).astype(np.float64, copy=False)
     return result
-
-
-def squares_by_emission(labels: Ints, weight: Floats, emission: Ints, size: int) -> Floats:
-    """Σ over emissions of (Σw)², by label."""
-    if not len(labels):
-        return np.zeros(size)
-    order = np.lexsort((emission, labels))
-    changes = (np.diff(labels[order]) != 0) | (np.diff(emission[order]) != 0)
-    first = np.concatenate(([0], np.flatnonzero(changes) + 1))
-    groups = np.add.reduceat(weight[order], first)
-    return sums(labels[order][first], groups**2, size)
 
 
 def source_factors(directory: Directory, emitted: Ints) -> Floats:

@@ -25,7 +25,7 @@ from raymap.paths import PathDictionary
 from raymap.pathwords import face_columns
 from raymap.portion import Portion
 from raymap.portionmeta import DESCRIPTOR_STREAMS, Encoding, PortionMeta
-from raymap.rows import offsets_of
+from raymap.rows import offsets_of, squares_by_emission
 from raymap.schema import COLOR_SCALE
 from raymap.scratch import BufferPool
 from raymap.shapes import compile_shapes
@@ -223,7 +223,7 @@ def _with_sums(
             np.ones(portion.n_rays) if portion.weight is None else portion.weight.astype(np.float64)
         )
         sum_w = np.bincount(path_numbers, weight, n_paths).astype(np.float64)
-        sum_w2 = sum_of_squares(path_numbers, weight, portion.emission, n_paths)
+        sum_w2 = squares_by_emission(path_numbers, weight, portion.emission, n_paths)
     ends = portion.color_code[offsets[1:] - 1]
     sums = color_sums(ends, portion.color_table, path_numbers, portion.weight, n_paths)
     colors = (sums / COLOR_SCALE if sums.dtype == np.uint64 else sums).astype(np.float64)
@@ -232,24 +232,6 @@ def _with_sums(
     return found.table.with_sums(
         rays, sum_w, sum_w2, tuple(sets), grouped=portion.emission is not None
     )
-
-
-def sum_of_squares(
-    path_numbers: NDArray[np.uint32],
-    weight: NDArray[np.float64],
-    emission: NDArray[np.int64] | None,
-    n_paths: int,
-) -> NDArray[np.float64]:
-    """Σw² per path; rays of one emission are summed first."""
-    if emission is None:
-        return np.bincount(path_numbers, weight**2, n_paths).astype(np.float64)
-    order = np.lexsort((emission, path_numbers))
-    path, group, w = path_numbers[order], emission[order], weight[order]
-    starts = np.flatnonzero(
-        np.r_[True, (path[1:] != path[:-1]) | (group[1:] != group[:-1])][: len(order)]
-    )
-    sums = np.add.reduceat(w, starts) if len(starts) else w
-    return np.bincount(path[starts], sums**2, n_paths).astype(np.float64)
 
 
 def _add_sums(streams: StreamSet, paths: PathDictionary, portion: Portion) -> None:

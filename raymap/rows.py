@@ -10,7 +10,14 @@ from numpy.typing import NDArray
 
 from raymap.portion import Descriptors, Portion
 
-__all__ = ["can_join", "join_portions", "offsets_of", "rows_of_rays", "take_rays"]
+__all__ = [
+    "can_join",
+    "join_portions",
+    "offsets_of",
+    "rows_of_rays",
+    "squares_by_emission",
+    "take_rays",
+]
 
 _RECORDS = ("position", "normal", "object", "triangle", "event", "medium")
 
@@ -20,6 +27,27 @@ def offsets_of(counts: NDArray[np.integer]) -> NDArray[np.int64]:
     offsets = np.zeros(len(counts) + 1, np.int64)
     np.cumsum(counts, out=offsets[1:])
     return offsets
+
+
+def squares_by_emission(
+    labels: NDArray[np.integer],
+    weight: NDArray[np.float64],
+    emission: NDArray[np.integer] | None,
+    size: int,
+) -> NDArray[np.float64]:
+    """Σ over emissions of (Σw)² by label, (size,).
+
+    Parameters
+    ----------
+    labels, weight : (n,) of rays
+    emission : (n,) equal for rays of one emission, which are added up first; None: all differ
+    """
+    if emission is not None and len(labels):
+        order = np.lexsort((emission, labels))
+        changes = (np.diff(labels[order]) != 0) | (np.diff(emission[order]) != 0)
+        first = np.concatenate(([0], np.flatnonzero(changes) + 1))
+        labels, weight = labels[order][first], np.add.reduceat(weight[order], first)
+    return np.bincount(labels, weight**2, size).astype(np.float64, copy=False)
 
 
 def rows_of_rays(offsets: NDArray[np.int64], rays: NDArray[np.int64]) -> NDArray[np.int64]:

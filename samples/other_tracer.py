@@ -170,8 +170,10 @@ def trace_ray(mi: Any, scene: Any, sampler: Any, names: list[str]) -> list[tuple
 
 def record(path: Path, rays: int, seed: int = 1) -> None:
     """Trace with Mitsuba, write a ray map."""
-    import mitsuba as mi
-
+    try:
+        import mitsuba as mi
+    except ImportError:
+        raise SystemExit("this sample needs Mitsuba 3: pip install 'raymap[mitsuba]'") from None
     mi.set_variant("scalar_rgb")
     scene = make_scene(mi)
     names = [shape.id() for shape in scene.shapes()]
