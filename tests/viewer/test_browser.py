@@ -19,7 +19,7 @@ from query.ray_report import report
 from tests.viewer.page import Page
 from tests.viewer.small_map import make_directory, make_portion, rgb_channels, write_map
 from viewer.server import RunningServer, run_in_thread
-from viewer.state import ViewState
+from viewer.state import ViewState, state_from_address
 
 playwright = pytest.importorskip("playwright.sync_api")
 
@@ -344,7 +344,13 @@ def test_the_address_restores_a_session(browser: Any, server: RunningServer, pag
     page.show("criterion")
     page.settle()
     page.tab.wait_for_function("location.hash.length > 10")
-    address = page.tab.url
+    # The address follows the page: wait until it has the panel, too
+    for _ in range(300):
+        address = page.tab.evaluate("location.href")
+        kept = state_from_address(address.partition("#")[2])
+        if (kept.criterion, kept.panel) == (TUBE, "criterion"):
+            break
+        page.tab.wait_for_timeout(100)
     page.ask("")
     page.show("paths")
     again = Page(browser, address)
