@@ -1,0 +1,44 @@
+"""Scattering media and surfaces."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tests.validation import Row, check
+from tracer.scattering.medium import ScatteringMedium
+from tracer.scattering.plate_exact import reflectance_transmittance
+
+
+@check(
+    what="Index-matched slab, 2 mm, μs = 0.9/mm, μa = 0.1/mm, g = 0.75",
+    source="van de Hulst (1980), table 35, as quoted by Wang et al., CMPB 47, 131 (1995)",
+)
+def van_de_hulst() -> list[Row]:
+    medium = ScatteringMedium(mean_free_path_mm=1 / 0.9, absorption_per_mm=0.1, g=0.75, index=1.0)
+    out = reflectance_transmittance(medium, 2.0, 0.0)
+    r, t = float(out.reflectance[0, 0]), float(out.transmittance[0, 0])
+    return [
+        Row(expected=0.09739, got=r, tolerance=1e-5, of="R"),
+        Row(expected=0.66096, got=t, tolerance=1e-5, of="T"),
+    ]
+
+
+@check(
+    what="Plate of n = 1.5 with Fresnel faces, Henyey-Greenstein g = 0.8, 1 mm, free path 0.5 mm",
+    source="iadpython, normal incidence",
+    packages=("iadpython",),
+)
+def glass_plate() -> list[Row]:
+    import iadpython
+
+    medium = ScatteringMedium(
+        mean_free_path_mm=0.5, absorption_per_mm=0.01, g=0.8, gamma=1.5, index=1.5
+    )
+    out = reflectance_transmittance(medium, 1.0, 0.0)
+    with np.errstate(all="ignore"):
+        sample = iadpython.Sample(a=2.0 / 2.01, b=2.01, g=0.8, n=1.5, quad_pts=48)
+        r, t, _, _ = sample.rt()
+    return [
+        Row(expected=float(r), got=float(out.reflectance[0, 0]), tolerance=1e-4, of="R"),
+        Row(expected=float(t), got=float(out.transmittance[0, 0]), tolerance=1e-4, of="T"),
+    ]
