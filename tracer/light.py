@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from raymap.errors import SceneError
 
-__all__ = ["READERS", "IntensityGrid", "RayList", "read_light"]
+__all__ = ["READERS", "IntensityGrid", "Opening", "RayList", "read_light"]
 
 Array = NDArray[np.float64]
 FluxUnit = Literal["W", "lm"]
@@ -44,6 +44,33 @@ A reader raises `SceneError` in one clear line for a file that it cannot use.
 """
 
 
+OpeningShape = Literal[
+    "ellipse", "box", "ellipsoid", "cylinder along C0", "cylinder along C90", "upright cylinder"
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Opening:
+    """A luminous opening that is neither a disc nor a rectangle, its middle at the source.
+
+    It looks equally bright all over from any one direction: its luminance there is the intensity
+    over the area of its outline as seen from there.
+
+    Attributes
+    ----------
+    shape : cylinders have elliptic ends that shine, too
+    size : full sizes along C0, C90 and the axis of the light [length_unit]; 0 along the axis for an
+        ellipse
+    """
+
+    shape: OpeningShape
+    size: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        if not (min(self.size) >= 0.0 and sum(size > 0.0 for size in self.size) >= 2):
+            raise SceneError(f"a luminous opening ({self.shape}) has sizes {self.size}")
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class IntensityGrid:
     """Intensity over directions, linear in gamma and C between its values.
@@ -56,7 +83,7 @@ class IntensityGrid:
     intensity : (n, m) [candela, watt per steradian, or relative]
     unit : "lm" for candela, "W" for watt per steradian, None for relative values
     opening : the luminous opening across the axis: a diameter, or (along C0, along C90)
-        [length_unit]; light starts evenly from it. None: from one point
+        [length_unit], or another shape; light starts evenly from it. None: from one point
     length_unit : of ``opening``
     name : for messages
     """
@@ -65,7 +92,7 @@ class IntensityGrid:
     c_deg: Array
     intensity: Array
     unit: FluxUnit | None = None
-    opening: float | tuple[float, float] | None = None
+    opening: float | tuple[float, float] | Opening | None = None
     length_unit: str = "m"
     name: str = "intensity table"
 
@@ -282,7 +309,10 @@ def read_light(path: Path) -> IntensityGrid | RayList:
         raise SceneError(f"there is no file {str(path)!r}; paths start from the scene's folder")
     module, _, function = place.partition(":")
     reader: Reader = getattr(import_module(module), function)
-    return reader(path)
+    try:
+        return reader(path)
+    except OSError as error:
+        raise SceneError(f"{path.name} cannot be read: {error.strerror or error}") from None
 
 
 def _near(a: float, b: float) -> bool:

@@ -12,13 +12,16 @@ from numpy.typing import NDArray
 
 from raymap.kernels import inline_kernel, inner_kernel
 from tracer.engine.buffers import COLORS
+from tracer.engine.openings import place_on_body
 from tracer.engine.random import advance, stream_state, uniform
 from tracer.geometry.directions import about, sample_cosine_cone, sample_uniform_cone, sine_of
 from tracer.geometry.kinds import F64, I64
 from tracer.scene.arrays import (
     BY_TABLE,
     COLLIMATED,
+    FROM_BOX,
     FROM_DISC,
+    FROM_ELLIPSE,
     FROM_LIST,
     FROM_PICTURE,
     FROM_POINT,
@@ -78,13 +81,17 @@ def _emit_measured(
     a, b = 0.0, 0.0
     if area == FROM_PICTURE:
         a, b, code, state = _place_in_picture(s, pool, first, code, colors, counters, state)
-    elif area != FROM_POINT:
+    elif area != FROM_POINT and area < FROM_BOX:
         state = advance(state)
         u1 = uniform(state)
         state = advance(state)
         u2 = uniform(state)
-        flat = FROM_RECTANGLE if area == FROM_RECTANGLE else FROM_DISC
-        a, b = place_on_area(flat, s[12], s[13], u1, u2)
+        if area == FROM_ELLIPSE:
+            a, b = place_on_area(FROM_DISC, 0.0, 1.0, u1, u2)
+            a, b = a * s[12], b * s[13]
+        else:
+            flat = FROM_RECTANGLE if area == FROM_RECTANGLE else FROM_DISC
+            a, b = place_on_area(flat, s[12], s[13], u1, u2)
     x += a * s[6] + b * s[9]
     y += a * s[7] + b * s[10]
     z += a * s[8] + b * s[11]
@@ -106,6 +113,17 @@ def _emit_measured(
         dx = cosine * nx + p * s[6] + q * s[9]
         dy = cosine * ny + p * s[7] + q * s[10]
         dz = cosine * nz + p * s[8] + q * s[11]
+        if area >= FROM_BOX:
+            state = advance(state)
+            u1 = uniform(state)
+            state = advance(state)
+            u2 = uniform(state)
+            state = advance(state)
+            u3 = uniform(state)
+            a, b, c = place_on_body(area, s[12], s[13], s[22], p, q, cosine, u1, u2, u3)
+            x += a * s[6] + b * s[9] + c * s[3]
+            y += a * s[7] + b * s[10] + c * s[4]
+            z += a * s[8] + b * s[11] + c * s[5]
         return source, x, y, z, dx, dy, dz, rx, ry, rz, code, state
     state = advance(state)
     u1 = uniform(state)

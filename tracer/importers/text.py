@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import codecs
 from pathlib import Path
 
 from raymap.errors import SceneError
+from raymap.textfile import decode_text
 
 __all__ = ["read_text"]
 
@@ -30,27 +30,7 @@ def read_text(path: str | Path) -> str:
         raise SceneError(f"there is no file {str(path)!r}; check the path") from None
     except OSError as error:
         raise SceneError(f"cannot read {str(path)!r}: {error.strerror or error}") from None
-    text = _decode(raw)
+    text = decode_text(raw)
     if "\0" in text:
         raise SceneError(f"{path.name} is not a text file")
     return text
-
-
-def _decode(raw: bytes) -> str:
-    for mark, encoding in (
-        (codecs.BOM_UTF8, "utf-8-sig"),
-        (codecs.BOM_UTF16_LE, "utf-16"),
-        (codecs.BOM_UTF16_BE, "utf-16"),
-    ):
-        if raw.startswith(mark):
-            return raw.decode(encoding, errors="replace")
-    # Latin text in UTF-16 without a mark has a zero in every other byte
-    head = raw[:4096]
-    if len(head) > 3 and head[1::2].count(0) > 0.4 * len(head):
-        return raw.decode("utf-16-le", errors="replace")
-    if len(head) > 3 and head[0::2].count(0) > 0.4 * len(head):
-        return raw.decode("utf-16-be", errors="replace")
-    try:
-        return raw.decode("utf-8")
-    except UnicodeDecodeError:
-        return raw.decode("latin-1")

@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.errors import SceneError
+from raymap.textfile import text_lines
 from tracer.light import IntensityGrid
+from tracer.photometry.luminous_opening import opening_of_eulumdat
 
 __all__ = ["read"]
 
@@ -28,8 +30,7 @@ class _Lines:
 
     def __init__(self, path: Path) -> None:
         self.name = path.name
-        text = path.read_bytes().removeprefix(b"\xef\xbb\xbf").decode("latin-1")
-        self.lines = text.splitlines()
+        self.lines = text_lines(path.read_bytes())
         self.place = 0
 
     def text(self) -> str:
@@ -77,7 +78,7 @@ class _Lines:
 
     def end(self) -> None:
         """Refuse numbers behind the last one."""
-        rest = [line for line in self.lines[self.place :] if line.strip(" \0\x1a\t")]
+        rest = [line for line in self.lines[self.place :] if line.strip()]
         if rest:
             raise SceneError(
                 f"{self.name}: {len(rest)} lines more than its planes, angles and symmetry promise"
@@ -85,10 +86,10 @@ class _Lines:
 
 
 def read(path: Path) -> IntensityGrid:
-    """The intensities of a luminaire in candela, scaled to the flux that its header states.
+    """The intensities of a luminaire in candela: those of the file times the flux of its lamps.
 
-    The flux is that of the (first set of) lamps times the light output ratio. Where the integral
-    of the intensities differs from it by more than 5 %, a warning says so.
+    Where the flux of the lamps times the light output ratio of the header differs from the integral
+    of the intensities by more than 5 %, a warning names both.
 
     Raises
     ------
@@ -104,10 +105,11 @@ def read(path: Path) -> IntensityGrid:
     lines.skip(8)
     lines.skip(1)
     length, width = lines.number("a length"), lines.number("a width")
-    lines.skip(5)
+    heights = tuple(lines.number("the height of a luminous side") for _ in range(4))
+    lines.skip(1)
     ratio = lines.number("the light output ratio") / 100.0
     conversion = lines.number("the conversion factor") or 1.0
-    lines.skip(1)
+    tilt = lines.number("the tilt when it was measured")
     sets = max(1, lines.count("the number of lamp sets", 0))
     lines.skip(2)
     lamp_flux = lines.number("the flux of the lamps")
@@ -117,12 +119,9 @@ def read(path: Path) -> IntensityGrid:
     used = _planes(lines.name, symmetry, planes)
     values = lines.numbers(len(used) * n_gamma, "intensities").reshape(-1, n_gamma)
     lines.end()
-    if sets > 1:
-        warnings.warn(f"{path.name}: has {sets} sets of lamps; the first is used", stacklevel=3)
-    stated = lamp_flux * ratio
-    if not stated > 0:
+    if not (lamp_flux > 0 and conversion > 0):
         raise SceneError(
-            f"{path.name}: lamps of {lamp_flux:g} lm and a light output ratio of {100 * ratio:g} % "
+            f"{path.name}: lamps of {lamp_flux:g} lm and a conversion factor of {conversion:g} "
             "make no light"
         )
     grid = IntensityGrid(
@@ -130,18 +129,29 @@ def read(path: Path) -> IntensityGrid:
         c_deg=used,
         intensity=values.T * (conversion * lamp_flux / 1000.0),
         unit="lm",
-        opening=_opening(length, width),
+        opening=opening_of_eulumdat(path.name, length, width, heights),
         length_unit="mm",
         name=path.name,
     )
-    found = grid.flux
-    if abs(found - stated) > _DIFFERENCE * stated:
+    _warn(path.name, grid.flux, lamp_flux * ratio, sets, tilt)
+    return grid
+
+
+def _warn(name: str, found: float, stated: float, sets: int, tilt: float) -> None:
+    """Name what the header says otherwise, and what is left out."""
+    if sets > 1:
+        warnings.warn(f"{name}: has {sets} sets of lamps; the first is used", stacklevel=4)
+    if tilt != 0.0:
         warnings.warn(
-            f"{path.name}: its header states {stated:.6g} lm, its intensities make {found:.6g} lm; "
-            "the header counts",
-            stacklevel=3,
+            f"{name}: was measured tilted by {tilt:g} degrees; the source is not turned by it",
+            stacklevel=4,
         )
-    return IntensityGrid(**{**vars(grid), "intensity": grid.intensity * (stated / found)})
+    if abs(found - stated) > _DIFFERENCE * max(stated, 0.0):
+        warnings.warn(
+            f"{name}: its intensities make {found:.6g} lm; the light output ratio of its header "
+            f"would make {stated:.6g} lm (flux = {stated:.6g} in the scene takes that)",
+            stacklevel=4,
+        )
 
 
 def _planes(name: str, symmetry: int, planes: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -168,10 +178,3 @@ def _planes(name: str, symmetry: int, planes: NDArray[np.float64]) -> NDArray[np
             f"C{used[0] % 360:g} to C{used[-1] % 360:g}"
         )
     return np.asarray(used)
-
-
-def _opening(length: float, width: float) -> float | tuple[float, float] | None:
-    """Diameter, or size along C0 (the width) and C90 (the length)."""
-    if length <= 0:
-        return None
-    return length if width <= 0 else (width, length)

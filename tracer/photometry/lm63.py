@@ -3,40 +3,49 @@
 The formats of 1986, 1991, 1995, 2002 and 2019 (ANSI/IES LM-63) differ in their keywords; the
 numbers behind the TILT line are the same: lamps, lumen per lamp, multiplier, vertical and
 horizontal angles, photometric type, unit of length, width, length, height; ballast factor,
-ballast-lamp factor, watts; the angles; the candela values, plane by plane.
+ballast-lamp factor, watts; the angles; the candela values, plane by plane. The ballast-lamp factor
+is one up to 1991; in 1995 its place was kept for future use, and 2019 states there how the file was
+made.
 """
 
 from __future__ import annotations
 
+import re
+import warnings
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from raymap.errors import SceneError
+from raymap.textfile import text_lines
 from tracer.light import IntensityGrid
+from tracer.photometry.goniometer import Readings, grid_of_type_a, grid_of_type_b
+from tracer.photometry.luminous_opening import opening_of_lm63
 
 __all__ = ["read"]
 
 _TYPES = {1: "C", 2: "B", 3: "A"}
 _MOST_ANGLES = 100_000
+_EDITION = re.compile(r"^IES(?:NA)?(?::LM-63-(\d{4})|(91))", re.IGNORECASE)
 
 
 def read(path: Path) -> IntensityGrid:
     """The intensities of a luminaire in candela, all factors of the header included.
 
     Its flux is the integral of the intensities: lumen of the header are those of the lamps, and
-    absolute photometry (lumen -1) states none.
+    absolute photometry (lumen -1) states none. Photometry of types A and B is turned into C planes.
 
     Raises
     ------
     SceneError
-        The file is none, ends early, contradicts itself, or is of photometric type A or B.
+        The file is none, ends early, or contradicts itself.
     """
-    lines = path.read_text(encoding="latin-1").splitlines()
+    lines = text_lines(path.read_bytes())
     start = next((k for k, line in enumerate(lines) if line.strip().upper().startswith("TILT")), -1)
     if start < 0:
         raise SceneError(f"{path.name}: is not an IES LM-63 file (it has no TILT line)")
+    edition = _edition(lines[0])
     numbers = _numbers(path.name, lines[start + 1 :], start + 2)
     if "INCLUDE" in lines[start].upper().partition("=")[2]:
         # Geometry of the lamp, angles and factors of a lamp that is tilted: the source is not
@@ -44,33 +53,68 @@ def read(path: Path) -> IntensityGrid:
         numbers = numbers[2 + 2 * count :]
     if len(numbers) < 13:
         raise SceneError(f"{path.name}: ends before the angles: {len(numbers)} of 13 numbers")
-    n_gamma = _count(path.name, numbers, 3, "vertical angles")
-    n_planes = _count(path.name, numbers, 4, "horizontal angles")
-    kind = int(numbers[5])
-    if kind != 1:
+    n_vertical = _count(path.name, numbers, 3, "vertical angles")
+    n_horizontal = _count(path.name, numbers, 4, "horizontal angles")
+    kind = _TYPES.get(int(numbers[5]))
+    if kind is None:
         raise SceneError(
-            f"{path.name}: photometric type {_TYPES.get(kind, str(kind))}; only type C (1) is "
-            "read: convert it in a photometric program"
+            f"{path.name}: photometric type {numbers[5]:g}; types are 1 (C), 2 (B) and 3 (A)"
         )
-    expected = 13 + n_gamma + n_planes + n_gamma * n_planes
+    if numbers[6] not in (1, 2):
+        raise SceneError(
+            f"{path.name}: unit of length {numbers[6]:g}; units are 1 (feet) and 2 (metres)"
+        )
+    expected = 13 + n_vertical + n_horizontal + n_vertical * n_horizontal
     if len(numbers) != expected:
         raise SceneError(
-            f"{path.name}: its header promises {n_gamma} vertical and {n_planes} horizontal "
+            f"{path.name}: its header promises {n_vertical} vertical and {n_horizontal} horizontal "
             f"angles, that is {expected} numbers behind TILT; the file has {len(numbers)}"
         )
-    gamma, planes, values = np.split(numbers[13:], [n_gamma, n_gamma + n_planes])
-    factor = numbers[2] * numbers[10] * (numbers[11] or 1.0)
-    if not factor > 0:
-        raise SceneError(f"{path.name}: multiplier {numbers[2]:g}, ballast factor {numbers[10]:g}")
+    ends = [n_vertical, n_vertical + n_horizontal]
+    vertical, horizontal, values = np.split(numbers[13:], ends)
+    readings = Readings(
+        name=path.name,
+        vertical_deg=vertical,
+        horizontal_deg=horizontal,
+        intensity=_factor(path.name, edition, numbers) * values.reshape(n_horizontal, n_vertical).T,
+    )
+    if kind == "A":
+        readings = grid_of_type_a(readings)
+    elif kind == "B":
+        readings = grid_of_type_b(readings)
+    width, length, height = (float(size) for size in numbers[7:10])
     return IntensityGrid(
-        gamma_deg=gamma,
-        c_deg=planes,
-        intensity=factor * values.reshape(n_planes, n_gamma).T,
+        gamma_deg=readings.vertical_deg,
+        c_deg=readings.horizontal_deg,
+        intensity=readings.intensity,
         unit="lm",
-        opening=_opening(*(float(size) for size in numbers[7:9])),
+        opening=opening_of_lm63(path.name, edition, width, length, height),
         length_unit="ft" if numbers[6] == 1 else "m",
         name=path.name,
     )
+
+
+def _edition(first: str) -> int:
+    """Year of the edition that the first line names; the format of 1986 has no such line."""
+    found = _EDITION.match(first.strip())
+    return 1986 if found is None else int(found[1] or 1991)
+
+
+def _factor(name: str, edition: int, numbers: NDArray[np.float64]) -> float:
+    """What candela values are multiplied by."""
+    multiplier, ballast, third = (float(numbers[place]) for place in (2, 10, 11))
+    factor = multiplier * ballast
+    if edition < 1995:
+        factor *= third or 1.0
+    elif edition < 2019 and third not in (0.0, 1.0):
+        warnings.warn(
+            f"{name}: has {third:g} where LM-63-{edition} keeps a 1 for future use; intensities "
+            "are not multiplied by it",
+            stacklevel=4,
+        )
+    if not factor > 0:
+        raise SceneError(f"{name}: multiplier {multiplier:g}, ballast factor {ballast:g}")
+    return factor
 
 
 def _numbers(name: str, lines: list[str], first: int) -> NDArray[np.float64]:
@@ -92,14 +136,3 @@ def _count(name: str, numbers: NDArray[np.float64], place: int, what: str) -> in
     if not (1 <= value <= _MOST_ANGLES and value == int(value)):
         raise SceneError(f"{name}: {value:g} {what}")
     return int(value)
-
-
-def _opening(width: float, length: float) -> float | tuple[float, float] | None:
-    """Diameter, or size along C0 (the length) and C90 (the width); negative sizes are round."""
-    if width < 0 or length < 0:
-        return max(abs(width), abs(length))
-    if width == 0 and length == 0:
-        return None
-    if width == 0 or length == 0:
-        return (max(length, 1e-6), max(width, 1e-6))
-    return (length, width)

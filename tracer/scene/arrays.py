@@ -43,8 +43,8 @@ of bits, else the second."""
 
 # Columns of source_i; source_f: center 0-2, normal 3-5, u 6-8, v 9-11, half sizes or inner and
 # outer radius 12-13, cosine that limits the cone 14, direction of a collimated beam 15-17, normal
-# in the record 18-20, place in the pool of light 21, tilt of a ring [rad] 22, then the shares of
-# the channels (C)
+# in the record 18-20, place in the pool of light 21, tilt of a ring [rad] or half size along the
+# axis of a body that shines 22, then the shares of the channels (C)
 L_AREA, L_DIRECTIONS, L_CODE, L_NEST, L_MEDIUM = range(5)
 SOURCE_ROW = 24
 
@@ -71,6 +71,9 @@ DEPTH, WORLD, VIRTUAL = range(3)
 
 # Where a source emits from, and into which directions
 FROM_DISC, FROM_RECTANGLE, FROM_POINT, FROM_RING, FROM_PICTURE, FROM_LIST = range(6)
+FROM_ELLIPSE, FROM_BOX, FROM_ELLIPSOID = range(6, 9)
+# ... cylinders whose axis is u, v or the normal
+FROM_CYLINDER_U, FROM_CYLINDER_V, FROM_CYLINDER_N = range(9, 12)
 COLLIMATED, LAMBERTIAN_CONE, UNIFORM_CONE, BY_TABLE = range(4)
 
 

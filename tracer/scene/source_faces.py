@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tracer.geometry.kinds import MESH, SPHERE
 from tracer.geometry.shapes import Shape
-from tracer.scene.arrays import FROM_LIST, FROM_POINT, L_AREA, L_DIRECTIONS, UNIFORM_CONE
+from tracer.scene.arrays import FROM_BOX, FROM_LIST, FROM_POINT, L_AREA, L_DIRECTIONS, UNIFORM_CONE
 from tracer.scene.sources import CompiledSources
 
 __all__ = ["lift_off_faces"]
@@ -48,9 +48,12 @@ def lift_off_faces(
         before = ((numbers[k, 0:3] - planes[:, 0:3]) * planes[:, 3:6]).sum(axis=1) * np.sign(sense)
         on = (np.abs(sense) > 1.0 - _PARALLEL) & (np.abs(before) <= reach)
         if on.any():
-            numbers[k, 0:3] += (reach - before[on].min()) * axis
+            # A luminous body hangs from the face as a whole
+            half = numbers[k, 22] if integers[L_AREA] >= FROM_BOX else 0.0
+            numbers[k, 0:3] += (reach + half - before[on].min()) * axis
             low, high, beam = boxes[k]
-            boxes[k] = low - 2.0 * reach, high + 2.0 * reach, beam
+            margin = 2.0 * reach + half
+            boxes[k] = low - margin, high + margin, beam
     return replace(sources, numbers=numbers, boxes=boxes)
 
 

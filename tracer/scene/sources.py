@@ -11,14 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.errors import SceneError
-from tracer.light import IntensityGrid, RayList
+from tracer.light import IntensityGrid, Opening, RayList
 from tracer.optics.dispersion import OutOfRangeWarning
 from tracer.optics.spectrum import SourceSpectrum, tabulated_spectrum
 from tracer.scene.arrays import (
     BY_TABLE,
     COLLIMATED,
     FEW_SOLIDS,
+    FROM_BOX,
+    FROM_CYLINDER_N,
+    FROM_CYLINDER_U,
+    FROM_CYLINDER_V,
     FROM_DISC,
+    FROM_ELLIPSE,
+    FROM_ELLIPSOID,
     FROM_LIST,
     FROM_PICTURE,
     FROM_POINT,
@@ -43,6 +49,15 @@ __all__ = ["CompiledSources", "SourceTable"]
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Box = tuple[Array, Array, Array]
+
+_AREAS = {
+    "ellipse": FROM_ELLIPSE,
+    "box": FROM_BOX,
+    "ellipsoid": FROM_ELLIPSOID,
+    "cylinder along C0": FROM_CYLINDER_U,
+    "cylinder along C90": FROM_CYLINDER_V,
+    "upright cylinder": FROM_CYLINDER_N,
+}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -164,18 +179,8 @@ class SourceTable:
         row[14] = cone_cosine(model)
         row[15:18] = frame[:, 2]
         light = self.light[k]
-        diameter, size = self._opening(model, light)
-        if size is not None:
-            area = FROM_RECTANGLE
-            row[12], row[13] = size[0] / 2.0, size[1] / 2.0
-        elif diameter is not None:
-            area = FROM_DISC
-            row[12], row[13] = model.inner_diameter / 2.0, diameter / 2.0
-            if model.kind == "ring":
-                row[12] = (model.inner_diameter or diameter) / 2.0
-        else:
-            area = FROM_POINT
-        if area != FROM_POINT:
+        area = self._area(model, light, row)
+        if area != FROM_POINT and area < FROM_BOX:
             row[18:21] = frame[:, 2]
         if model.kind == "ring" and model.tilt_deg != 0.0:
             area = FROM_RING
@@ -202,18 +207,38 @@ class SourceTable:
             return area, COLLIMATED
         return area, UNIFORM_CONE if model.kind in ("point", "rays") else LAMBERTIAN_CONE
 
+    def _area(self, model: SourceModel, light: IntensityGrid | RayList | None, row: Array) -> int:
+        """Kind of the emitting area; its sizes are entered in the row of the source."""
+        opening = self._opening(model, light)
+        if opening is None:
+            return FROM_POINT
+        if isinstance(opening, Opening):
+            row[12], row[13], row[22] = np.array(opening.size) / 2.0
+            return _AREAS[opening.shape]
+        if isinstance(opening, tuple):
+            row[12], row[13] = opening[0] / 2.0, opening[1] / 2.0
+            return FROM_RECTANGLE
+        row[12], row[13] = model.inner_diameter / 2.0, opening / 2.0
+        if model.kind == "ring":
+            row[12] = (model.inner_diameter or opening) / 2.0
+        return FROM_DISC
+
     def _opening(
         self, model: SourceModel, light: IntensityGrid | RayList | None
-    ) -> tuple[float | None, tuple[float, float] | None]:
-        """Diameter or size of the emitting area; that of the scene file comes first."""
-        if model.diameter is not None or model.size is not None:
-            return model.diameter, model.size
-        if isinstance(light, IntensityGrid) and light.opening is not None:
-            scale = length_in(light.length_unit, self.scene.length_unit)
-            if isinstance(light.opening, tuple):
-                return None, (light.opening[0] * scale, light.opening[1] * scale)
-            return light.opening * scale, None
-        return None, None
+    ) -> float | tuple[float, float] | Opening | None:
+        """Diameter, size or shape of the emitting area; that of the scene file comes first."""
+        if model.size is not None or model.diameter is not None:
+            return model.size or model.diameter
+        if not isinstance(light, IntensityGrid) or light.opening is None:
+            return None
+        scale = length_in(light.length_unit, self.scene.length_unit)
+        if isinstance(light.opening, Opening):
+            along, across, high = light.opening.size
+            size = along * scale, across * scale, high * scale
+            return Opening(shape=light.opening.shape, size=size)
+        if isinstance(light.opening, tuple):
+            return light.opening[0] * scale, light.opening[1] * scale
+        return light.opening * scale
 
     def _box(self, k: int, model: SourceModel) -> Box:
         origin, frame = model.frame()
@@ -224,12 +249,14 @@ class SourceTable:
             low, high = points.min(axis=0).astype(float), points.max(axis=0).astype(float)
             margin = 1e-6 * (1.0 + float(np.abs([low, high]).max()))
             return origin + low - margin, origin + high + margin, beam
-        diameter, size = self._opening(model, light)
-        if size is not None:
-            reach = np.abs(frame[:, :2]) @ (np.array(size) / 2.0)
-        elif diameter is not None:
+        opening = self._opening(model, light)
+        if isinstance(opening, Opening):
+            reach = np.abs(frame) @ (np.array(opening.size) / 2.0)
+        elif isinstance(opening, tuple):
+            reach = np.abs(frame[:, :2]) @ (np.array(opening) / 2.0)
+        elif opening is not None:
             axis = frame[:, 2]
-            reach = np.sqrt(np.maximum(0.0, 1.0 - axis * axis)) * diameter / 2.0
+            reach = np.sqrt(np.maximum(0.0, 1.0 - axis * axis)) * opening / 2.0
         else:
             reach = np.zeros(3)
         return origin - reach - 1e-9, origin + reach + 1e-9, beam

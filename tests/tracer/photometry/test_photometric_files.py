@@ -9,25 +9,19 @@ import numpy as np
 import pytest
 
 from raymap.errors import SceneError
-from tracer.light import IntensityGrid
+from tracer.light import IntensityGrid, Opening
 from tracer.photometry import eulumdat, lm63
 
 FILES = Path(__file__).parents[2] / "data" / "photometry"
-HEADERS = {
-    "projector.ldt": 6500 * 0.7771,
-    "road_luminaire.ldt": 33200 * 0.8442,
-    "floodlight_asymmetric.ldt": 123_000 * 0.998,
-    "maxwell_measured.ies": 1000.0,
-}
 
 
 def read(path: Path) -> IntensityGrid:
     return (lm63 if path.suffix == ".ies" else eulumdat).read(path)
 
 
-@pytest.mark.parametrize("name", HEADERS)
-def test_total_flux_is_the_headers(name: str) -> None:
-    assert read(FILES / name).flux == pytest.approx(HEADERS[name], rel=2e-4)
+def test_the_flux_of_absolute_photometry_is_its_integral() -> None:
+    # The header of this file states the flux that the laboratory integrated
+    assert read(FILES / "maxwell_measured.ies").flux == pytest.approx(1000.0, rel=2e-4)
 
 
 @pytest.mark.peers
@@ -42,10 +36,7 @@ def test_intensities_are_those_of_another_reader(name: str) -> None:
     gamma, planes = np.meshgrid(head.g_angles, head.c_angles)
     found = grid.at(gamma, planes)
     wanted = np.array(other.intensities) * head.lamp_flux[0] / 1000
-    # Ours are scaled to the flux of the header: the same factor everywhere
-    factor = found.sum() / wanted.sum()
-    np.testing.assert_allclose(found, factor * wanted, rtol=1e-9, atol=1e-9)
-    assert factor == pytest.approx(1.0, abs=0.03)
+    np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.peers
@@ -75,7 +66,10 @@ def test_the_planes_of_a_symmetry_about_c90() -> None:
 def test_the_luminous_opening() -> None:
     assert read(FILES / "italo.ies").opening == (0.146, 0.230)
     assert read(FILES / "floodlight_asymmetric.ldt").opening == (475.0, 400.0)
-    assert read(FILES / "road_luminaire.ldt").opening == 472.0
+    # 472 mm round with luminous sides of 140 mm, as lines 16 to 21 of the file say
+    assert read(FILES / "road_luminaire.ldt").opening == Opening(
+        shape="upright cylinder", size=(472.0, 472.0, 140.0)
+    )
     assert read(FILES / "maxwell_measured.ies").opening is None
 
 
@@ -116,7 +110,7 @@ def test_factors_count(tmp_path: Path) -> None:
         ({"h": 3}, "the file has 24"),
         ({"v": 0}, "0 vertical angles"),
         ({"v": 1e30}, "vertical angles"),
-        ({"kind": 3}, "photometric type A"),
+        ({"kind": 7}, "photometric type 7"),
         ({"multiplier": "x"}, "line 4 is not numbers"),
         ({"multiplier": "nan"}, "not a finite number"),
         ({"multiplier": 0}, "multiplier 0"),
@@ -149,7 +143,7 @@ def test_files_of_another_kind(tmp_path: Path) -> None:
         (4, "-8", "number of C planes is -8"),
         (4, "9", "ends at line|C angles must rise|gamma must rise|more"),
         (6, "1e9", "number of gamma angles"),
-        (23, "0", "make no light"),
+        (29, "0", "make no light"),
         (29, "many", "line 29 is 'many'"),
         (29, "nan", "line 29 is 'nan'"),
         (50, "x", "stand in EULUMDAT"),
@@ -166,9 +160,209 @@ def test_ldt_files_that_lie(tmp_path: Path, line: int, text: str, what: str) -> 
 
 
 def test_a_flux_that_differs_warns(tmp_path: Path) -> None:
+    """Intensities are cd/klm times the flux of the lamps; what the header says is named."""
+    whole = read(FILES / "floodlight_asymmetric.ldt").flux
     lines = (FILES / "floodlight_asymmetric.ldt").read_text("latin-1").splitlines()
     lines[22] = "50"
     path = tmp_path / "half.ldt"
     path.write_text("\n".join(lines), "latin-1")
-    with pytest.warns(UserWarning, match="the header counts"):
-        assert read(path).flux == pytest.approx(61_500)
+    with pytest.warns(UserWarning, match="would make 61500 lm"):
+        assert read(path).flux == whole
+
+
+def test_a_lamp_measured_at_a_tilt_is_named(tmp_path: Path) -> None:
+    lines = (FILES / "floodlight_asymmetric.ldt").read_text("latin-1").splitlines()
+    lines[24] = "15"
+    path = tmp_path / "tilted.ldt"
+    path.write_text("\n".join(lines), "latin-1")
+    with pytest.warns(UserWarning, match="tilted by 15 degrees"):
+        read(path)
+
+
+# -- text ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["projector.ldt", "italo.ies"])
+@pytest.mark.parametrize("maker", ["Świetlenie Dąb", "Öçğş", "Завод Света", "照明"])
+def test_names_in_any_encoding_change_nothing(tmp_path: Path, name: str, maker: str) -> None:
+    lines = (FILES / name).read_text("latin-1").splitlines()
+    path = tmp_path / name
+    plain = read(FILES / name)
+    place = 0 if name.endswith("ldt") else 1
+    for encoding in ("utf-8", "utf-8-sig", "cp1250", "cp1251", "cp1254", "gb18030", "utf-16"):
+        for end in ("\r\n", "\n", "\r"):
+            text = end.join([*lines[:place], f"[OTHER] {maker} …", *lines[place + 1 :]])
+            for behind in ("", "\x1a", "\r\n\x1a\0\0\0"):
+                path.write_bytes((text + behind).encode(encoding, errors="replace"))
+                found = read(path)
+                np.testing.assert_array_equal(found.intensity, plain.intensity)
+                assert found.opening == plain.opening
+
+
+def test_every_byte_may_stand_in_a_name(tmp_path: Path) -> None:
+    raw = (FILES / "projector.ldt").read_bytes().splitlines()
+    plain = read(FILES / "projector.ldt")
+    for byte in range(256):
+        if byte in b"\r\n":
+            continue
+        raw[0] = b"Maker " + bytes([byte]) + b" of lamps"
+        path = tmp_path / "lamp.ldt"
+        path.write_bytes(b"\r\n".join(raw))
+        np.testing.assert_array_equal(read(path).intensity, plain.intensity)
+
+
+# -- openings of LM-63 ----------------------------------------------------------------------------
+
+OPENINGS = """{edition}
+[TEST] none
+TILT=NONE
+1 -1 1 3 1 1 2 {sizes}
+1 1 10
+0 45 90
+0
+1000 707.107 0
+"""
+
+# The tables of LM-63: until 1995, and from 2002 on. Sizes of ours: along C0 (length), along C90
+# (width), height
+EARLY, LATE = ("IESNA91", "IESNA:LM-63-1995"), ("IESNA:LM-63-2002", "IES:LM-63-2019")
+BOTH = EARLY + LATE
+TABLE: list[tuple[tuple[str, ...], str, object]] = [
+    (BOTH, "0 0 0", None),
+    (BOTH, "0.3 1.2 0", (1.2, 0.3)),
+    (BOTH, "0.3 1.2 0.1", Opening(shape="box", size=(1.2, 0.3, 0.1))),
+    (EARLY, "-0.3 0 0", 0.3),
+    (EARLY, "-0.3 0 0.2", Opening(shape="upright cylinder", size=(0.3, 0.3, 0.2))),
+    (EARLY, "-0.3 0 -0.3", Opening(shape="ellipsoid", size=(0.3, 0.3, 0.3))),
+    (EARLY, "0 1.2 -0.03", Opening(shape="cylinder along C0", size=(1.2, 0.03, 0.03))),
+    (EARLY, "1.2 0 -0.03", Opening(shape="cylinder along C90", size=(0.03, 1.2, 0.03))),
+    (EARLY, "-0.3 1.2 0", Opening(shape="ellipse", size=(1.2, 0.3, 0.0))),
+    (EARLY, "1.2 -0.3 0", Opening(shape="ellipse", size=(0.3, 1.2, 0.0))),
+    (EARLY[1:], "-0.3 1.2 0.2", Opening(shape="upright cylinder", size=(1.2, 0.3, 0.2))),
+    (EARLY, "-0.3 1.2 -0.2", Opening(shape="ellipsoid", size=(1.2, 0.3, 0.2))),
+    (LATE, "-0.3 -0.3 0", 0.3),
+    (LATE, "-0.3 -1.2 0", Opening(shape="ellipse", size=(1.2, 0.3, 0.0))),
+    (LATE, "-0.3 -0.3 0.2", Opening(shape="upright cylinder", size=(0.3, 0.3, 0.2))),
+    (LATE, "-0.3 -1.2 0.2", Opening(shape="upright cylinder", size=(1.2, 0.3, 0.2))),
+    (LATE, "-0.3 -0.3 -0.3", Opening(shape="ellipsoid", size=(0.3, 0.3, 0.3))),
+    (LATE, "-0.3 -1.2 -0.2", Opening(shape="ellipsoid", size=(1.2, 0.3, 0.2))),
+    (LATE, "-0.03 1.2 -0.03", Opening(shape="cylinder along C0", size=(1.2, 0.03, 0.03))),
+    (LATE, "-0.03 1.2 -0.05", Opening(shape="cylinder along C0", size=(1.2, 0.03, 0.05))),
+    (LATE, "1.2 -0.03 -0.03", Opening(shape="cylinder along C90", size=(0.03, 1.2, 0.03))),
+    (LATE, "-0.3 0 -0.2", Opening(shape="cylinder along C0", size=(0.0, 0.3, 0.2))),
+]
+
+
+@pytest.mark.parametrize(("editions", "sizes", "wanted"), TABLE)
+def test_shapes_of_openings_are_those_of_the_standard(
+    tmp_path: Path, editions: tuple[str, ...], sizes: str, wanted: object
+) -> None:
+    for edition in editions:
+        path = tmp_path / "lamp.ies"
+        path.write_text(OPENINGS.format(edition=edition, sizes=sizes))
+        assert read(path).opening == wanted, edition
+
+
+def test_an_opening_that_means_nothing_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "lamp.ies"
+    path.write_text(OPENINGS.format(edition=LATE[0], sizes="0.3 1.2 -0.1"))
+    with pytest.warns(UserWarning, match="mean nothing in LM-63"):
+        assert read(path).opening == Opening(shape="box", size=(1.2, 0.3, 0.1))
+
+
+def test_the_third_factor_counts_up_to_1991_only(tmp_path: Path) -> None:
+    """2019 states there how the file was made (1.1: an accredited laboratory)."""
+    path = tmp_path / "lamp.ies"
+    for edition, wanted in (("IESNA91", 900.0), ("IES:LM-63-2019", 1000.0)):
+        text = OPENINGS.format(edition=edition, sizes="0 0 0").replace("1 1 10", "1 0.9 10")
+        path.write_text(text)
+        assert read(path).at(0, 0) == pytest.approx(wanted)
+    path.write_text(text.replace("2019", "2002"))
+    with pytest.warns(UserWarning, match="future use"):
+        assert read(path).at(0, 0) == pytest.approx(1000.0)
+
+
+# -- types A and B --------------------------------------------------------------------------------
+
+
+def of_type(tmp_path: Path, kind: int, vertical: np.ndarray, horizontal: np.ndarray,
+            values: np.ndarray) -> IntensityGrid:  # fmt: skip
+    """A file of photometric type 2 (B) or 3 (A); values (vertical, horizontal)."""
+    words = [
+        f"1 -1 1 {len(vertical)} {len(horizontal)} {kind} 2 0 0 0",
+        "1 1 10",
+        " ".join(f"{angle:g}" for angle in vertical),
+        " ".join(f"{angle:g}" for angle in horizontal),
+        *(" ".join(f"{value:.8g}" for value in row) for row in values.T),
+    ]
+    path = tmp_path / "lamp.ies"
+    path.write_text("\n".join(["IESNA:LM-63-2002", "[TEST] x", "TILT=NONE", *words, ""]))
+    return read(path)
+
+
+def test_type_b_turns_about_the_width(tmp_path: Path) -> None:
+    """Intensities of the directions that LM-63 names: V = 0 nadir, V = 90 C0, H clockwise."""
+    vertical, horizontal = np.arange(-90.0, 91.0, 2.0), np.arange(-90.0, 91.0, 2.0)
+    v, h = np.meshgrid(np.radians(vertical), np.radians(horizontal), indexing="ij")
+    x, y, z = np.sin(v) * np.cos(h), -np.sin(h), -np.cos(v) * np.cos(h)
+
+    def law(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+        return (1 - z) * (1 + 0.5 * x + 0.25 * y) + 0.3
+
+    grid = of_type(tmp_path, 2, vertical, horizontal, law(x, y, z))
+    gamma, c = np.meshgrid(np.arange(0.0, 88.0, 7.0), np.arange(0.0, 360.0, 15.0))
+    g, turn = np.radians(gamma), np.radians(c)
+    wanted = law(np.sin(g) * np.cos(turn), np.sin(g) * np.sin(turn), -np.cos(g))
+    np.testing.assert_allclose(grid.at(gamma, c), wanted, rtol=2e-3)
+    # A half space of this law: 2 pi (1 + 1/2 + 0.3), since x and y cancel
+    assert grid.flux == pytest.approx(2 * np.pi * 1.8, rel=2e-3)
+
+
+def test_type_b_of_one_quarter_is_seen_in_both_planes(tmp_path: Path) -> None:
+    angles = np.arange(0.0, 31.0, 1.0)
+    # A pyramid of light between V and H of 30 degrees: in type B dV cos H dH is the solid angle
+    grid = of_type(tmp_path, 2, angles, angles, np.ones((31, 31)))
+    assert grid.flux == pytest.approx(np.radians(60) * 2 * np.sin(np.radians(30)), rel=0.01)
+    assert grid.at([25, 25, 35], [0, 200, 0]) == pytest.approx([1, 1, 0])
+
+
+def test_type_b_of_one_plane_is_round(tmp_path: Path) -> None:
+    angles = np.arange(0.0, 91.0, 15.0)
+    values = 300 * np.cos(np.radians(angles))[:, None]
+    with pytest.warns(UserWarning, match="all round the direction"):
+        grid = of_type(tmp_path, 2, angles, np.zeros(1), values)
+    # A Lambertian lamp of 300 cd makes 300 pi lm; 15 degree steps are linear in between
+    assert grid.flux == pytest.approx(300 * np.pi, rel=0.006)
+    assert grid.at(30, 123) == pytest.approx(300 * np.cos(np.radians(30)))
+
+
+def test_type_a_turns_about_the_upright_axis(tmp_path: Path) -> None:
+    """A headlamp: V = H = 0 is C0 at the horizon; right of it (clockwise from above) is C270."""
+    vertical, horizontal = np.arange(-10.0, 11.0, 1.0), np.arange(-30.0, 31.0, 1.0)
+    v, h = np.meshgrid(vertical, horizontal, indexing="ij")
+    values = 1000 + 10 * v + h
+    grid = of_type(tmp_path, 3, vertical, horizontal, values)
+    assert grid.at([90, 85, 95, 90, 90], [0, 0, 0, 340, 20]) == pytest.approx(
+        [1000, 950, 1050, 1020, 980]
+    )
+    assert grid.at([90, 70, 90], [40, 0, 180]) == pytest.approx([0, 0, 0], abs=1e-9)
+    wanted = 1000 * np.radians(60) * 2 * np.sin(np.radians(10))
+    assert grid.flux == pytest.approx(wanted, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("kind", "vertical", "horizontal", "what"),
+    [
+        (2, [0, 45, 200], [-90, 0, 90], "vertical angles that rise within -180 .. 180"),
+        (2, [0, 45, 90], [-120, 0, 90], "horizontal angles that rise within -90 .. 90"),
+        (3, [-100, 0, 90], [-90, 0, 90], "vertical angles that rise within -90 .. 90"),
+        (3, [0, 45, 90], [0], "two or more horizontal angles"),
+        (2, [-20, 0, 90], [0], "alike to both sides"),
+    ],
+)
+def test_angles_of_another_type(
+    tmp_path: Path, kind: int, vertical: list[float], horizontal: list[float], what: str
+) -> None:
+    values = np.ones((len(vertical), len(horizontal)))
+    with pytest.raises(SceneError, match=what):
+        of_type(tmp_path, kind, np.array(vertical), np.array(horizontal), values)
