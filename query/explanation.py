@@ -12,6 +12,7 @@ from query.bound import BoundEverything, BoundNode
 from query.builders import as_criterion
 from query.reasons import reason_for_nothing
 from query.scan import Cancel, Scan, map_facts
+from query.second_try import asked_again
 
 if TYPE_CHECKING:
     from raymap.reader import RayMap
@@ -122,6 +123,7 @@ def _children(node: c.Criterion) -> tuple[c.Criterion, ...]:
     return ()
 
 
+@asked_again
 def explain(
     map: RayMap, criterion: object, *, threads: int | None = None, cancel: Cancel = None
 ) -> Explanation:

@@ -15,6 +15,7 @@ from query.peaks import registrations
 from query.pictures import DetectorImage
 from query.scan import Cancel, Progress, Scan
 from query.search import Found
+from query.second_try import asked_again
 from query.selector import bind_all
 from query.tally import source_factors
 from query.tally import sums as weighted_counts
@@ -67,6 +68,7 @@ def detector_image(
     )[""]
 
 
+@asked_again
 def detector_images(
     map: RayMap,
     detector: str,

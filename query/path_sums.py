@@ -10,6 +10,7 @@ import numpy as np
 from query.context import PathContext
 from query.scan import Cancel, Progress, Scan, Totals
 from query.search import Found
+from query.second_try import asked_again
 from query.selector import bind_all
 from query.tally import Tally
 
@@ -21,6 +22,7 @@ __all__ = ["sum_over_paths"]
 T = TypeVar("T")
 
 
+@asked_again
 def sum_over_paths(
     map: RayMap,
     criterion: object,

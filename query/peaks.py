@@ -11,6 +11,7 @@ from query.bound import BoundNode
 from query.path_keys import Keys, path_keys
 from query.scan import Cancel, Scan
 from query.search import Found
+from query.second_try import asked_again
 from query.tally import source_factors, sums
 
 if TYPE_CHECKING:
@@ -39,6 +40,7 @@ def registrations(found: Found, number: int, detector: int) -> tuple[Ints, NDArr
     return rays[owner], descriptors
 
 
+@asked_again
 def find_peaks(
     map: RayMap,
     node: BoundNode,

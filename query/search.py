@@ -20,7 +20,7 @@ from query.kleene import Pair
 from query.scans import look_up
 from raymap.directory import ChannelSet
 
-__all__ = ["Found", "PathVerdicts", "PortionPaths", "search_portion"]
+__all__ = ["Found", "PathVerdicts", "PortionPaths", "compare", "search_portion"]
 
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.integer]
@@ -73,6 +73,18 @@ class PortionPaths:
         return look_up(mask if self.local is None else mask[self.local], self.numbers)
 
 
+def compare(paths: PortionPaths) -> None:
+    """Before rays are looked at one by one: their paths are those that the footer says, or none.
+
+    Raises
+    ------
+    FalseFooter
+        the merged paths are not those of the portion (`query.second_try`).
+    """
+    if paths.is_merged and paths.base is not None:
+        paths.portion.compare(paths.base.paths, paths.local)
+
+
 @dataclass(frozen=True, eq=False)
 class Found:
     """Rays of one portion that satisfy the criteria.
@@ -119,6 +131,8 @@ def search_portion(
         by ``check``, between any two reads.
     DamagedPortion
         a stream that is needed fails its checksum.
+    FalseFooter
+        the merged paths are not those of the portion (`query.second_try`).
     """
     check()
     paths = PortionPaths(portion, verdicts.base, local)
@@ -130,6 +144,7 @@ def search_portion(
     found = Found(index, paths, certain, certain, channel_sets, check)
     if all(pair.exact for pair in pairs):
         return found
+    compare(paths)
     masks = _resolve(found, verdicts.nodes, pairs)
     return Found(index, paths, certain, masks, channel_sets, check)
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from query.bound import BoundNode
 from query.scan import Scan
 from query.scans import number_rays
+from query.second_try import asked_again
 from query.tally import Estimate, Tally, estimate
 from raymap.portion import Portion
 from raymap.rows import take_rays
@@ -22,6 +23,14 @@ if TYPE_CHECKING:
     from raymap.reader import RayMap
 
 __all__ = ["Selection"]
+
+
+@asked_again
+def _with_rays(map: RayMap, node: BoundNode, threads: int) -> Scan:
+    """A search that kept the rays."""
+    scan = Scan(map, [node], rays=True, threads=threads)
+    scan.run()
+    return scan
 
 
 class Selection:
@@ -145,8 +154,7 @@ class Selection:
         """The search that kept the rays; a count alone searches once more."""
         if self._scan.keep_masks:
             return self._scan
-        scan = Scan(self.map, [self._node], rays=True, threads=self._scan.threads)
-        scan.run()
+        scan = _with_rays(self.map, self._node, self._scan.threads)
         self._number = 0
         return scan
 

@@ -15,6 +15,7 @@ from query.bound import BoundEverything, BoundNode
 from query.builders import as_criterion
 from query.reasons import reason_for_nothing
 from query.scan import Cancel, Progress, Scan, map_facts
+from query.second_try import asked_again
 from query.selection import Selection
 from query.sharded import scan_shards, worth_spreading
 from query.tally import Tally
@@ -41,6 +42,7 @@ def bind_all(map: RayMap, criteria: Sequence[object]) -> list[BoundNode]:
     return bound
 
 
+@asked_again
 def select(
     map: RayMap,
     criterion: object = None,
@@ -137,6 +139,7 @@ def _spread(
     return selection
 
 
+@asked_again
 def select_many(
     map: RayMap,
     criteria: Sequence[object],

@@ -17,9 +17,11 @@ from query.path_text import PathNames, exact_criterion, path_text
 from query.peaks import find_peaks
 from query.scan import Cancel, Progress, Scan
 from query.search import Found
+from query.second_try import asked_again
 from query.selector import bind_all
 from query.sharded import paths_of_shards, worth_spreading
 from query.tally import Tally, source_factors, variances
+from raymap.agreement import FalseFooter
 from raymap.errors import RayMapError
 
 if TYPE_CHECKING:
@@ -193,7 +195,11 @@ class PathTable:
                 paths = self.map.portions[place].paths()
             else:
                 merged = (self.map if place == -1 else self.map.shards[-2 - place]).merged
-                assert merged is not None
+                if merged is None:
+                    raise FalseFooter(
+                        f"{self.map.path}: the footer turned out to be false since this table was "
+                        "made; ask for the paths again"
+                    )
                 paths = merged.paths
             self._bases[place] = PathContext(paths)
         return self._bases[place]
@@ -334,6 +340,7 @@ def path_table(
     return PathTable(map, part, order, emitted, by_source, by, complete, peaks)
 
 
+@asked_again
 def collect_paths(
     map: RayMap,
     criterion: object,

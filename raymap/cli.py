@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 from typer.core import TyperCommand
 
-from raymap.errors import CriterionError, RayMapError
+from raymap.errors import CriterionError, DamagedPortion, DamageWarning, RayMapError
 
 if TYPE_CHECKING:
     from raymap.reader import RayMap
@@ -83,7 +83,15 @@ def opened_map(path: Path, strict: bool = False) -> Iterator[RayMap]:
     """
     from raymap.opening import open
 
+    if strict:
+        # The error says it
+        warnings.simplefilter("ignore", DamageWarning)
     with open(path, on_damage="raise" if strict else "skip") as ray_map:
+        if strict:
+            _refuse_damage(ray_map)
+            yield ray_map
+            _refuse_damage(ray_map)
+            return
         known = len(ray_map.damage)
         _warn_of_damage(ray_map)
         try:
@@ -100,6 +108,15 @@ def warnings_on_stderr() -> Iterator[None]:
         yield
     for text in dict.fromkeys(str(item.message) for item in caught):
         typer.echo(f"warning: {text}", err=True)
+
+
+def _refuse_damage(ray_map: RayMap) -> None:
+    """Fail at damage that cost no rays, such as that of a footer."""
+    for damage in ray_map.damage:
+        raise DamagedPortion(
+            f"{ray_map.path}: bytes {damage.offset}–{damage.offset + damage.length - 1}: "
+            f"{damage.reason}"
+        )
 
 
 def _warn_of_damage(ray_map: RayMap, known: int = 0) -> None:

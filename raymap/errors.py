@@ -26,6 +26,7 @@ from __future__ import annotations
 
 __all__ = [
     "CriterionError",
+    "DamageWarning",
     "DamagedPortion",
     "FormatError",
     "InvalidPortion",
@@ -68,6 +69,10 @@ class DamagedPortion(FormatError):
 
     reason: str = ""
     """What is wrong, without place and remedy."""
+
+
+class DamageWarning(UserWarning):
+    """Something of a map is damaged that costs time, but no ray."""
 
 
 class MapExists(RayMapError, FileExistsError):

@@ -11,6 +11,7 @@ import numpy as np
 import xxhash
 from numpy.typing import NDArray
 
+from raymap.agreement import compare_totals
 from raymap.chunks import Chunk, MapFile
 from raymap.errors import FormatError
 from raymap.layout import FOOTER, pack_chunk_header
@@ -228,7 +229,7 @@ def read_merged(
         else:
             sets.append(np.zeros((n, 0)))
     paths = PathDictionary(
-        **columns,
+        **columns._asdict(),
         rays=file.column(chunk, "path.rays", n, np.int64),
         sum_w=file.column(chunk, "path.sum_w", n, np.float64),
         sum_w2=file.column(chunk, "path.sum_w2", n, np.float64),
@@ -240,10 +241,19 @@ def read_merged(
     if len(numbers) and int(numbers.max()) >= n:
         raise FormatError("a portion's path is not in the merged dictionary")
     pieces = np.split(numbers.astype(np.int32), np.cumsum(local)[:-1]) if local else []
-    return MergedPaths(
+    merged = MergedPaths(
         paths=paths,
         local_to_global=[
             piece if entry.meta.has_paths else None
             for piece, entry in zip(pieces, footer.portions, strict=True)
         ],
     )
+    metas = [entry.meta for entry in footer.portions if entry.meta.has_paths]
+    compare_totals(
+        merged,
+        sum(meta.n_rays for meta in metas),
+        [any(meta.channel_set == number for meta in metas) for number in range(len(channels))],
+        weighted=any(meta.has_weights for meta in metas),
+        grouped=any(meta.grouped for meta in metas),
+    )
+    return merged

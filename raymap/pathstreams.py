@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from raymap.directory import Directory
 from raymap.errors import FormatError
+from raymap.events import ENDINGS, Event
 
 __all__ = ["Bounds", "check_itineraries", "offsets_from_counts"]
 
@@ -19,13 +20,20 @@ Reader = Callable[[str, "int | None", Any], NDArray[Any]]
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """How many of each kind the directory names; indices are checked against it once."""
+    """How many of each kind the directory names; indices are checked against it once.
+
+    Attributes
+    ----------
+    source, object, face, medium, detector : counts
+    owner : (n_faces,) int16, object of each face
+    """
 
     source: int
     object: int
     face: int
     medium: int
     detector: int
+    owner: NDArray[np.int16]
 
     @staticmethod
     def of(directory: Directory) -> Bounds:
@@ -35,6 +43,7 @@ class Bounds:
             len(directory.faces.names),
             len(directory.media),
             len(directory.detectors),
+            directory.faces.object,
         )
 
     def check(self, name: str, column: NDArray[Any]) -> NDArray[Any]:
@@ -45,17 +54,54 @@ class Bounds:
             raise FormatError(f"a path names a {name} that the directory does not have")
         return column
 
+    def check_faces(self, objects: NDArray[Any], faces: NDArray[Any]) -> None:
+        """Refuse faces of another object than the one met; both are within the directory."""
+        if not len(self.owner):
+            return
+        on_face = faces >= 0
+        if (on_face & (self.owner[faces] != objects)).any():
+            raise FormatError("a path names a face that its object does not have")
+
+
+class PathColumns(NamedTuple):
+    """Checked paths: every length fits the columns, every index the directory.
+
+    Attributes
+    ----------
+    source, offsets, object, face, event, medium, detector_offsets, detector, registered : as in
+        `raymap.paths.PathDictionary`
+    """
+
+    source: NDArray[np.int16]
+    offsets: NDArray[np.int64]
+    object: NDArray[np.int16]
+    face: NDArray[np.int32]
+    event: NDArray[np.int32]
+    medium: NDArray[np.int16]
+    detector_offsets: NDArray[np.int64]
+    detector: NDArray[np.int16]
+    registered: NDArray[np.bool_]
+
+    @property
+    def n_points(self) -> int:
+        return int(self.offsets[-1])
+
+    @property
+    def n_meetings(self) -> int:
+        return int(self.detector_offsets[-1])
+
 
 def offsets_from_counts(counts: NDArray[Any], total: int | None, what: str) -> NDArray[np.int64]:
     """Running sum with a leading zero; the end must be ``total``."""
     offsets = np.zeros(len(counts) + 1, np.int64)
     np.cumsum(counts, out=offsets[1:])
+    # Counts of 32 bits and at most 2^31 rows: the sum cannot wrap around
     if total is not None and int(offsets[-1]) != total:
         raise FormatError(f"{what} add up to {int(offsets[-1])}, not {total}")
     return offsets
 
 
-def check_itineraries(read: Reader, n_paths: int, bounds: Bounds) -> dict[str, NDArray[Any]]:
+def check_itineraries(read: Reader, n_paths: int, bounds: Bounds) -> PathColumns:
     """Offsets, points and meetings of a path dictionary.
 
     Parameters
@@ -82,9 +128,26 @@ def check_itineraries(read: Reader, n_paths: int, bounds: Bounds) -> dict[str, N
     ):
         column = read(name, n_points, dtype)
         columns[name] = column if name == "event" else bounds.check(name, column)
+    bounds.check_faces(columns["object"], columns["face"])
     meetings = read("meetings", n_points, np.uint16)
+    _check_points(columns, meetings)
     columns["detector_offsets"] = offsets_from_counts(meetings, None, "meetings of paths")
     n_meetings = int(columns["detector_offsets"][-1])
     columns["detector"] = bounds.check("detector", read("detector", n_meetings, np.int16))
     columns["registered"] = read("registered", n_meetings, np.bool_)
-    return columns
+    return PathColumns(**columns)
+
+
+def _check_points(columns: dict[str, NDArray[Any]], meetings: NDArray[np.uint16]) -> None:
+    """Refuse paths that do not begin with an emission and end once, at their end."""
+    starts, last = columns["offsets"][:-1], columns["offsets"][1:] - 1
+    event = columns["event"]
+    if not (event[starts] & int(Event.EMITTED)).all():
+        raise FormatError("a path does not begin with an emission")
+    endings = event & int(ENDINGS)
+    at_end = endings[last]
+    single = (at_end != 0) & (at_end & (at_end - 1) == 0)
+    if not single.all() or np.count_nonzero(endings) != len(last):
+        raise FormatError("a path does not end with one ending event")
+    if meetings[last].any():
+        raise FormatError("a path meets detectors after its end")

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.agreement import FALSE_RAYS, unlike_merged
 from raymap.errors import DamagedPortion, FormatError
 from raymap.footer import IndexEntry
 from raymap.layout import PORTION, ChunkHeader, StreamEntry
 from raymap.paths import PathDictionary
-from raymap.pathstreams import check_itineraries, offsets_from_counts
+from raymap.pathstreams import PathColumns, check_itineraries, offsets_from_counts
 from raymap.portionmeta import PortionMeta
 from raymap.schema import COLOR_SCALE, NONE
 from raymap.streams import decode_column
@@ -52,6 +53,8 @@ class PortionStreams:
         self.grouped = meta.grouped
         self.stored_bytes = index.size
         self.offset = index.offset
+        self.false_rays = False
+        self._compared = False
 
     def __repr__(self) -> str:
         return f"StoredPortion(number={self.number}, n_rays={self.n_rays})"
@@ -80,7 +83,7 @@ class PortionStreams:
     def _record_offsets(self, numbers: NDArray[np.uint32] | None) -> NDArray[np.int64]:
         """Record offsets of rays whose path numbers are there already."""
         if numbers is not None:
-            counts = np.diff(self._dictionary.offsets)[numbers]
+            counts = np.diff(self._itineraries.offsets)[numbers]
         else:
             counts = self._stream("path.length", self.n_rays, np.uint32)
             if self.n_rays and not counts.all():
@@ -145,7 +148,8 @@ class PortionStreams:
         return self._map.report_damage(self._index, reason)
 
     @cached_property
-    def _dictionary(self) -> PathDictionary:
+    def _itineraries(self) -> PathColumns:
+        """The paths alone, checked against the directory and the header."""
         meta = self._index.meta
         try:
             columns = check_itineraries(
@@ -153,28 +157,63 @@ class PortionStreams:
                 meta.n_paths,
                 self._map.bounds,
             )
-            if (
-                int(columns["offsets"][-1]) != meta.n_points
-                or int(columns["detector_offsets"][-1]) != meta.n_meetings
-            ):
+            if columns.n_points != meta.n_points or columns.n_meetings != meta.n_meetings:
                 raise FormatError("path dictionary has another size than the header says")
         except DamagedPortion:
             raise
         except FormatError as error:
             raise self._damaged(str(error)) from None
-        rays = self._stream("path.rays", meta.n_paths, np.int64)
-        if int(rays.sum()) != self.n_rays:
-            raise self._damaged("rays of the paths do not add up")
+        return columns
+
+    @cached_property
+    def _dictionary(self) -> PathDictionary:
+        meta = self._index.meta
+        columns = self._itineraries
+        rays = self._counted_rays()
         weighted = "path.sum_w" in self._streams
         n = meta.n_paths
         return PathDictionary(
-            **columns,
+            **columns._asdict(),
             rays=rays,
             sum_w=self._stream("path.sum_w", n, np.float64) if weighted else rays.astype(float),
             sum_w2=self._stream("path.sum_w2", n, np.float64) if weighted else rays.astype(float),
             sum_wc=self._color_sums(n),
             grouped=self.grouped,
         )
+
+    def _counted_rays(self) -> NDArray[np.int64]:
+        """Rays of each path, counted; what the dictionary states of them is compared only."""
+        n_paths = self._index.meta.n_paths
+        stated = self._stream("path.rays", n_paths, np.int64)
+        counted = np.bincount(self.path_numbers(), minlength=n_paths)
+        if n_paths and not counted.all():
+            raise self._damaged("a path that no ray takes")
+        self.false_rays = not np.array_equal(stated, counted)
+        if self.false_rays:
+            error = self._damaged(FALSE_RAYS)
+            if self._map.on_damage == "raise":
+                raise error
+        return counted
+
+    def compare(self, merged: PathDictionary, local: NDArray[np.int32]) -> None:
+        """Make sure that the paths are those which the footer says they are, once.
+
+        Parameters
+        ----------
+        merged : the paths of the whole map
+        local : (n_paths,) row of each path of this portion in it
+
+        Raises
+        ------
+        FalseFooter
+            They are not; the map serves no merged dictionary from here on.
+        """
+        if self._compared:
+            return
+        unlike = unlike_merged(merged, local, self._itineraries)
+        if unlike:
+            raise self._map.drop_merged(f"{unlike} contradict portion {self.number}")
+        self._compared = True
 
     def _color_sums(self, n_paths: int) -> tuple[NDArray[np.float64], ...]:
         sums = [np.zeros((n_paths, 0)) for _ in self._map.channel_sets]
@@ -183,6 +222,8 @@ class PortionStreams:
         else:
             own = self._stream("path.sum_c", n_paths, np.uint64, matrix=True) / COLOR_SCALE
         own = own.reshape(n_paths, -1)
+        if not np.isfinite(own).all():
+            raise self._damaged("a sum of colours is no number")
         if own.shape[1] != self._map.channel_sets[self.channel_set].n_channels:
             raise self._damaged("colours of the paths have another number of channels")
         sums[self.channel_set] = own
@@ -191,18 +232,29 @@ class PortionStreams:
     def _points(self, name: str) -> NDArray[Any]:
         """A column that the path dictionary implies."""
         if not self.has_paths:
-            column = self._stream(f"path.{name}", self.n_records, POINT_TYPES[name])
-            if name != "event":
-                self._check_bounds(name, column)
-            return column
-        return self._expand(getattr(self._dictionary, name))
+            return self._plain_points(name)
+        return self._expand(getattr(self._itineraries, name))
+
+    def _plain_points(self, name: str) -> NDArray[Any]:
+        column = self._stream(f"path.{name}", self.n_records, POINT_TYPES[name])
+        if name != "event":
+            self._check_bounds(name, column)
+        if name == "face":
+            objects = self._plain_points("object")
+            try:
+                self._map.bounds.check_faces(objects, column)
+            except FormatError as error:
+                raise self._damaged(str(error)) from None
+        return column
 
     def _expand(self, column: NDArray[Any]) -> NDArray[Any]:
         from raymap.itineraries import expand_points
 
         out = np.empty(self.n_records, column.dtype)
         numbers = self.path_numbers()
-        expand_points(numbers, self._dictionary.offsets, self._record_offsets(numbers), column, out)
+        expand_points(
+            numbers, self._itineraries.offsets, self._record_offsets(numbers), column, out
+        )
         return out
 
     def _check_bounds(self, name: str, column: NDArray[Any]) -> NDArray[Any]:
@@ -213,7 +265,7 @@ class PortionStreams:
 
     def _column_source(self) -> NDArray[np.int16]:
         if self.has_paths:
-            return self._dictionary.source[self.path_numbers()]
+            return self._itineraries.source[self.path_numbers()]
         return self._check_bounds("source", self._stream("path.source", self.n_rays, np.int16))
 
     def _column_weight(self) -> NDArray[np.float32]:
@@ -223,7 +275,7 @@ class PortionStreams:
 
     def _column_descriptor_count(self) -> NDArray[np.uint16]:
         if self.has_paths:
-            return self._expand(np.diff(self._dictionary.detector_offsets).astype(np.uint16))
+            return self._expand(np.diff(self._itineraries.detector_offsets).astype(np.uint16))
         return self._stream("path.meetings", self.n_records, np.uint16)
 
     def _column_first_descriptor(self) -> NDArray[np.int32]:
@@ -243,7 +295,7 @@ class PortionStreams:
             detector = self._stream("path.detector", n, np.int16)
             registered = self._stream("path.registered", n, np.bool_)
             return self._check_bounds("detector", detector), registered
-        paths = self._dictionary
+        paths = self._itineraries
         starts = paths.detector_offsets[paths.offsets]
         numbers = self.path_numbers()
         offsets = np.zeros(self.n_rays + 1, np.int64)

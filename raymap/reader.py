@@ -5,6 +5,7 @@ from __future__ import annotations
 import bisect
 import os
 import threading
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.address import Address, place_of
+from raymap.agreement import FalseFooter, compare_all
 from raymap.chunks import Chunk, Gap, MapFile
 from raymap.description import (
     parse_channel_set,
@@ -24,7 +26,7 @@ from raymap.description import (
     read_run,
 )
 from raymap.directory import ChannelSet, DisplayMesh
-from raymap.errors import DamagedPortion, FormatError, NotARayMap, RayNotFound
+from raymap.errors import DamagedPortion, DamageWarning, FormatError, NotARayMap, RayNotFound
 from raymap.footer import Footer, IndexEntry, find_footer, read_footer, read_merged
 from raymap.layout import CHANNELS, DETECTOR, DIRECTORY, FILE_HEADER_SIZE, PORTION, RUN
 from raymap.paths import MergedPaths
@@ -38,6 +40,10 @@ if TYPE_CHECKING:
     from raymap.shapes import ShapeTable
 
 __all__ = ["Damage", "RayMap"]
+
+COMPARED_RAYS = 2**20
+COMPARED_PORTIONS = 64
+"""A merged dictionary of at most so many rays and portions is compared before it is served."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +90,7 @@ class RayMap:
         self._damaged_lock = threading.Lock()
         self._merged_lock = threading.Lock()
         self._merged: MergedPaths | None = None
+        self._merged_dropped = False
         self._footer_chunk: Chunk | None = None
         self._footer = Footer()
         self._last_ray = -1
@@ -197,23 +204,52 @@ class RayMap:
 
     @property
     def merged(self) -> MergedPaths | None:
-        """The path dictionary of the whole map, None without a sound footer."""
-        if self._footer_chunk is None or not self._footer.has_merged:
+        """The path dictionary of the whole map, None without a sound footer.
+
+        That of a small map is compared with all portions before it is served, that of a large one
+        portion by portion as these are read (`StoredPortion.compare`).
+        """
+        chunk = self._footer_chunk
+        if chunk is None or not self._footer.has_merged:
             return None
         with self._merged_lock:
-            if self._merged is None:
+            if self._merged is None and not self._merged_dropped:
                 try:
-                    self._merged = read_merged(
-                        self.file, self._footer_chunk, self._footer, self.bounds, self._channels
+                    merged = read_merged(
+                        self.file, chunk, self._footer, self.bounds, self._channels
                     )
+                    if self.rays <= COMPARED_RAYS and len(self.portions) <= COMPARED_PORTIONS:
+                        compare_all(merged, self.portions)
+                    self._merged = merged
                 except FormatError as error:
-                    chunk = self._footer_chunk
-                    damage = Damage(None, chunk.offset, chunk.header.size, str(error))
-                    self.note_damage(damage)
-                    if self.on_damage == "raise":
-                        raise self._error(damage) from None
-                    self._footer_chunk = None
+                    self._drop_merged(str(error))
             return self._merged
+
+    def drop_merged(self, reason: str) -> FalseFooter:
+        """Serve no merged dictionary any more, as it contradicts the portions; the error to raise.
+
+        Nothing is lost: what the dictionary said is asked of the portions.
+        """
+        with self._merged_lock:
+            self._drop_merged(f"merged dictionary: {reason}")
+        return FalseFooter(f"{self.path}: {reason}")
+
+    def _drop_merged(self, reason: str) -> None:
+        self._merged, self._merged_dropped = None, True
+        chunk = self._footer_chunk
+        assert chunk is not None
+        self._warn_of_footer(Damage(None, chunk.offset, chunk.header.size, reason))
+
+    def _warn_of_footer(self, damage: Damage) -> None:
+        """Remember a footer that cannot be used, and say so where nobody asks for the damage."""
+        if not self.note_damage(damage) or self.on_damage == "skip":
+            return
+        warnings.warn(
+            f"{self.path}: the footer cannot be used ({damage.reason}); the portions are read "
+            "instead, nothing is lost",
+            DamageWarning,
+            stacklevel=3,
+        )
 
     def find_ray(self, ray_id: int) -> tuple[int, int]:
         """(index of the portion, index of the ray in it).
@@ -282,11 +318,15 @@ class RayMap:
         self.note_damage(damage)
         return self._error(damage, index.meta.n_records)
 
-    def note_damage(self, damage: Damage) -> None:
-        """Remember damage, once."""
+    def note_damage(self, damage: Damage) -> bool:
+        """Remember damage, once; whether it was new."""
         with self._damaged_lock:
-            if all((d.offset, d.portion) != (damage.offset, damage.portion) for d in self._damage):
+            new = all(
+                (d.offset, d.portion) != (damage.offset, damage.portion) for d in self._damage
+            )
+            if new:
                 self._damage.append(damage)
+            return new
 
     def _error(self, damage: Damage, records: int | None = None) -> DamagedPortion:
         what = "bytes" if damage.portion is None else f"portion {damage.portion}"
@@ -314,7 +354,7 @@ class RayMap:
             ) from None
         self._directory_chunk = chunk
         self.bounds = Bounds.of(self.directory)
-        self._merged = None
+        self._merged, self._merged_dropped = None, False
         self._footer_chunk = find_footer(self.file, size)
         self.torn_bytes = 0
         self.bytes = size
@@ -335,9 +375,7 @@ class RayMap:
             if any(e.meta.channel_set >= len(self._channels) for e in self._footer.portions):
                 raise FormatError("a portion names a channel set that the map does not have")
         except FormatError as error:
-            self.note_damage(Damage(None, chunk.offset, chunk.header.size, f"footer: {error}"))
-            if self.on_damage == "raise":
-                raise self._error(self._damage[-1]) from None
+            self._warn_of_footer(Damage(None, chunk.offset, chunk.header.size, f"footer: {error}"))
             return False
         return True
 

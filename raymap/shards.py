@@ -140,10 +140,10 @@ class ShardedMap(RayMap):
     @property
     def merged(self) -> MergedPaths | None:
         """The path dictionary of all shards, None if one of them has none."""
+        parts = [shard.merged for shard in self._maps]
+        if any(part is None for part in parts):
+            return None
         if self._all is None:
-            parts = [shard.merged for shard in self._maps]
-            if any(part is None for part in parts):
-                return None
             merger = PathMerger()
             numbers: dict[int, NDArray[np.int32] | None] = {}
             for shard, part, places in zip(self._maps, parts, self._own_sets, strict=True):

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-
+from raymap.agreement import FALSE_COUNTS, FALSE_RAYS, difference, false_sums
 from raymap.checks import check_portion
 from raymap.dictionary import PathMerger
 from raymap.errors import DamagedPortion, FormatError, InvalidPortion
 from raymap.layout import CHANNELS, DETECTOR, RUN
-from raymap.paths import PathDictionary
 from raymap.reader import Damage, RayMap
 from raymap.results import read_result
 from raymap.stored import StoredPortion
@@ -77,16 +75,18 @@ def _verify_file(ray_map: RayMap, result: Verification) -> None:
         else:
             sound = False
             ray_map.report_damage(portion.index, problem)
+            if problem in FALSE_COUNTS:
+                result.rays_readable += portion.n_rays
     result.portions += sum(d.portion is not None and d.length > 0 for d in _lost(ray_map))
     result.torn_bytes += ray_map.torn_bytes
     _check_others(ray_map)
     merged = ray_map.merged
     if merged is not None and sound and ray_map.footer_chunk is not None:
-        difference = _difference(merged.paths, merger.dictionary())
-        if difference:
+        unlike = difference(merged.paths, merger.dictionary())
+        if unlike:
             chunk = ray_map.footer_chunk
             ray_map.note_damage(
-                Damage(None, chunk.offset, chunk.header.size, f"merged dictionary: {difference}")
+                Damage(None, chunk.offset, chunk.header.size, f"merged dictionary: {unlike}")
             )
     result.damage += ray_map.damage
 
@@ -104,6 +104,8 @@ def portion_problem(portion: StoredPortion) -> str | None:
             decode_bytes(entry, portion.fetch(entry))
         content = portion.read()
         check_portion(content, portion.map.directory, portion.map.channel_sets[portion.channel_set])
+        if portion.has_paths:
+            return FALSE_RAYS if portion.false_rays else false_sums(portion) or None
     except DamagedPortion as error:
         return error.reason or str(error)
     except (FormatError, InvalidPortion) as error:
@@ -126,20 +128,3 @@ def _check_others(ray_map: RayMap) -> None:
         except FormatError as error:
             name = {CHANNELS: "channel set", RUN: "run", DETECTOR: "detector result"}.get(tag)
             ray_map.note_damage(Damage(None, offset, 0, f"{name or 'chunk'}: {error}"))
-
-
-def _difference(a: PathDictionary, b: PathDictionary) -> str:
-    """In words, where two dictionaries differ; sums may differ by rounding."""
-    for name in ("source", "offsets", "object", "face", "event", "medium", "rays"):
-        if not np.array_equal(getattr(a, name), getattr(b, name)):
-            return f"{name} contradicts the portions"
-    for name in ("detector_offsets", "detector", "registered"):
-        if not np.array_equal(getattr(a, name), getattr(b, name)):
-            return f"{name} contradicts the portions"
-    for name in ("sum_w", "sum_w2"):
-        if not np.allclose(getattr(a, name), getattr(b, name), rtol=1e-9, atol=0):
-            return f"{name} contradicts the portions"
-    for x, y in zip(a.sum_wc, b.sum_wc, strict=False):
-        if x.shape != y.shape or not np.allclose(x, y, rtol=1e-9, atol=1e-12):
-            return "sums of colour contradict the portions"
-    return ""
