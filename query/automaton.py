@@ -18,6 +18,8 @@ from raymap.events import FAMILIES
 __all__ = ["Automaton", "Element", "canonical_path", "parse_path"]
 
 MAX_ELEMENTS = 4096
+MAX_CHOICES = 512
+"""Elements of an expression in which several can follow one; a point costs up to their square."""
 MAX_NESTING = 100
 
 
@@ -249,4 +251,10 @@ def parse_path(text: str) -> Automaton:
         raise parser.fail("this bracket closes nothing")
     if not parser.elements:
         raise CriterionError('the path expression is empty; write for example path("lamp .*")')
+    several = any(states & (states - 1) for states in (whole.first, *parser.follow))
+    if several and len(parser.elements) > MAX_CHOICES:
+        raise CriterionError(
+            f"the path expression has {len(parser.elements)} elements once repetitions are written "
+            f"out; with alternatives or open repetitions it may have {MAX_CHOICES}"
+        )
     return Automaton(tuple(parser.elements), whole.first, whole.last, tuple(parser.follow))

@@ -7,7 +7,6 @@ Names are case-sensitive and matched as a whole. In ``object.face`` the two are 
 from __future__ import annotations
 
 import difflib
-import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 
 from raymap.directory import Directory
 from raymap.errors import UnknownName
+from raymap.wildcards import Wildcard, characters
 
 __all__ = [
     "PATH_SPECIAL",
@@ -32,6 +32,9 @@ __all__ = [
 
 SPECIAL = "*?.\\#:@()|{}+ ,"
 """Characters that keep their backslash in a canonical pattern."""
+
+_LONGEST, _COMPARED = 200, 4096
+"""Characters of a pattern, and names, that are compared for hints."""
 
 PATH_SPECIAL = SPECIAL + '"'
 """Characters that names in path expressions write with a backslash."""
@@ -60,43 +63,27 @@ def escape(name: str, special: str = "*?.\\#") -> str:
 
 def unescape(pattern: str) -> str:
     """The name that a pattern without wildcards spells."""
-    return re.sub(r"\\(.)", r"\1", pattern, flags=re.DOTALL)
-
-
-def _pieces(pattern: str) -> list[tuple[str, bool]]:
-    """Characters of a pattern with a flag: was it escaped?"""
-    return [
-        (match.group(0)[-1], len(match.group(0)) == 2)
-        for match in re.finditer(r"\\.|.", pattern, flags=re.DOTALL)
-    ]
-
-
-def _regex(pattern: str) -> re.Pattern[str]:
-    parts = []
-    for character, escaped in _pieces(pattern):
-        if character == "*" and not escaped:
-            parts.append(".*")
-        elif character == "?" and not escaped:
-            parts.append(".")
-        else:
-            parts.append(re.escape(character))
-    return re.compile("".join(parts), flags=re.DOTALL)
+    return "".join(character for character, _ in characters(pattern))
 
 
 def split_face(pattern: str) -> tuple[str, str | None]:
     """Split ``object.face`` at the last ``.`` that is not escaped."""
-    spans = [match.span() for match in re.finditer(r"\\.|.", pattern, flags=re.DOTALL)]
-    for start, end in reversed(spans):
-        if pattern[start:end] == ".":
-            return pattern[:start], pattern[end:]
-    return pattern, None
+    place, split = 0, -1
+    for character, escaped in characters(pattern):
+        if character == "." and not escaped:
+            split = place
+        place += 1 + escaped
+    return (pattern, None) if split < 0 else (pattern[:split], pattern[split + 1 :])
 
 
 def nearest_names(pattern: str, names: Iterable[str], count: int = 3) -> list[str]:
     """Names that a person may have meant."""
     wanted = unescape(pattern)
     pool = list(dict.fromkeys(names))
-    close = difflib.get_close_matches(wanted, pool, n=count, cutoff=0.5)
+    if len(wanted) > _LONGEST:
+        # Nobody mistypes a text of this length, and to compare it takes its square
+        return []
+    close = difflib.get_close_matches(wanted, pool[:_COMPARED], n=count, cutoff=0.5)
     folded = [name for name in pool if name.lower() == wanted.lower()]
     return list(dict.fromkeys(folded + close))[:count]
 
@@ -122,8 +109,8 @@ def match_indices(pattern: str, names: Sequence[str], kind: str) -> list[int]:
     UnknownName
         the pattern matches nothing.
     """
-    regex = _regex(pattern)
-    found = [index for index, name in enumerate(names) if regex.fullmatch(name)]
+    wanted = Wildcard(pattern)
+    found = [index for index, name in enumerate(names) if wanted.matches(name)]
     if not found:
         raise unknown(kind, pattern, names)
     return found
@@ -163,8 +150,8 @@ class FaceNames:
 
     def face_names_of(self, object_pattern: str) -> list[str]:
         """Names of the faces of the matching objects."""
-        regex = _regex(object_pattern)
-        return [name for owner, name, _ in self.entries if regex.fullmatch(owner)]
+        wanted = Wildcard(object_pattern)
+        return [name for owner, name, _ in self.entries if wanted.matches(owner)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,13 +171,13 @@ class ObjectMatch:
 
 
 def _whole_objects(pattern: str, names: FaceNames, aliases: bool) -> ObjectMatch | None:
-    regex = _regex(pattern)
+    wanted = Wildcard(pattern)
     objects = np.zeros(len(names.objects) + 1, np.bool_)
     faces = np.zeros(names.n_faces + 1, np.bool_)
     for index, name in enumerate(names.objects):
-        objects[index] = regex.fullmatch(name) is not None
+        objects[index] = wanted.matches(name)
     for owner, _, face in names.entries if aliases else ():
-        if regex.fullmatch(owner) and not objects[names.table.object[face]]:
+        if wanted.matches(owner) and not objects[names.table.object[face]]:
             faces[face] = True
     return ObjectMatch(objects, faces) if objects.any() or faces.any() else None
 
@@ -198,22 +185,28 @@ def _whole_objects(pattern: str, names: FaceNames, aliases: bool) -> ObjectMatch
 def _single_faces(
     object_part: str, face_part: str, names: FaceNames, aliases: bool
 ) -> ObjectMatch | None:
-    owner_regex, face_regex = _regex(object_part), _regex(face_part)
+    owners, faces_named = Wildcard(object_part), Wildcard(face_part)
     faces = np.zeros(names.n_faces + 1, np.bool_)
     for owner, name, face in names.entries if aliases else names.own_entries:
-        if owner_regex.fullmatch(owner) and face_regex.fullmatch(name):
+        if owners.matches(owner) and faces_named.matches(name):
             faces[face] = True
     if not faces.any():
         return None
     return ObjectMatch(np.zeros(len(names.objects) + 1, np.bool_), faces)
 
 
+def _is_number(face_part: str) -> bool:
+    """Whether it names a primitive: ``#123``."""
+    digits = face_part[1:]
+    return face_part.startswith("#") and digits.isascii() and digits.isdigit() and len(digits) < 11
+
+
 def _triangle(object_part: str, number: int, names: FaceNames) -> ObjectMatch | None:
     """Faces that hold primitive ``number`` of a matching object, and the primitive."""
     table = names.table
-    regex = _regex(object_part)
+    owners = Wildcard(object_part)
     faces = np.zeros(names.n_faces + 1, np.bool_)
-    wanted = [index for index, name in enumerate(names.objects) if regex.fullmatch(name)]
+    wanted = [index for index, name in enumerate(names.objects) if owners.matches(name)]
     inside = (table.first_primitive <= number) & (
         number < table.first_primitive.astype(np.int64) + table.primitive_count
     )
@@ -237,7 +230,7 @@ def match_objects(pattern: str, names: FaceNames, *, aliases: bool = True) -> Ob
     found: ObjectMatch | None = None
     if face_part is None:
         found = _whole_objects(pattern, names, aliases)
-    elif re.fullmatch(r"#\d+", face_part):
+    elif _is_number(face_part):
         found = _triangle(object_part, int(face_part[1:]), names)
         if found is None and _whole_objects(object_part, names, aliases) is not None:
             raise UnknownName(

@@ -193,7 +193,8 @@ def _colors_of(portion: StoredPortion) -> NDArray[np.float64]:
     codes, table = portion.column("last_color"), portion.color_table()
     n_channels = table.shape[1]
     colors: NDArray[np.float64] = np.concatenate((np.eye(n_channels), table / COLOR_SCALE))
-    return colors[codes]
+    own: NDArray[np.float64] = colors[codes]
+    return own
 
 
 def difference(a: PathDictionary, b: PathDictionary) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import string
 from dataclasses import dataclass
 
 from raymap.directory import Directory
@@ -64,8 +65,7 @@ def complete(text: str, cursor: int, directory: Directory) -> tuple[int, list[Co
     before = text[:cursor]
     if before.count('"') % 2:
         return _names(before, directory, closed=text[cursor:].startswith('"'))
-    word = re.search(r"[A-Za-z_]*$", before)
-    typed = word.group() if word is not None else ""
+    typed = _word_at_end(before)
     start = cursor - len(typed)
     function = _open_function(before[:start])
     if function in ("hit", "event", "count", "last"):
@@ -73,9 +73,14 @@ def complete(text: str, cursor: int, directory: Directory) -> tuple[int, list[Co
         if function == "event" or before[:start].rstrip().endswith(","):
             return start, found
         return start, [*_words(typed), *found][:_LIMIT]
-    if not typed and not re.search(r"(^|[&|^!(,>~])\s*$", before):
+    if not typed and before.rstrip()[-1:] not in (*"&|^!(,>~", ""):
         return start, []
     return start, _words(typed)
+
+
+def _word_at_end(text: str, letters: str = string.ascii_letters + "_") -> str:
+    """The letters with which a text ends."""
+    return text[len(text.rstrip(letters)) :]
 
 
 def _open_function(before: str) -> str:
@@ -87,8 +92,7 @@ def _open_function(before: str) -> str:
             depth += 1
         elif plain[place] == "(":
             if depth == 0:
-                name = re.search(r"([a-z_]+)\s*$", plain[:place])
-                return name.group(1) if name else ""
+                return _word_at_end(plain[:place].rstrip(), string.ascii_lowercase + "_")
             depth -= 1
     return ""
 

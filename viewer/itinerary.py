@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 
+from raymap.wildcards import characters
+
 __all__ = ["headline"]
 
 _MIRRORED = ("specular_reflection", "tir")
@@ -24,7 +26,12 @@ def _points(path: str) -> list[tuple[str, list[str]]]:
     found = []
     for word in re.split(r"(?<!\\) ", path):
         name, _, events = _split(word)
-        found.append((re.sub(r"\\(.)", r"\1", name), [e for e in events.split(",") if e]))
+        found.append(
+            (
+                "".join(character for character, _ in characters(name)),
+                [e for e in events.split(",") if e],
+            )
+        )
     return found
 
 

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 import query
 from query import Event, all_, count, detected, event, hit, parse, wavelength
 from query import criteria as c
+from query.automaton import parse_path
 from query.bind import MapFacts, bind
 from query.json_form import from_json
 from raymap.errors import CriterionError, UnknownName
@@ -272,3 +273,10 @@ def test_surface_parameters_stand_on_sides_and_vary_with_wavelength() -> None:
     assert ask(("index", ">", 1.3), ("reflectance", "<", 0.2))
     assert not ask(("kind", "==", 0))
     assert not ask(("hidden", "==", 1))
+
+
+def test_expressions_with_choices_are_bounded_and_plain_ones_may_be_long():
+    """A row of points is one state after another; choices keep many states alive at a time."""
+    assert len(parse_path("lamp " + "box " * 4000).elements) == 4001
+    with pytest.raises(CriterionError, match="it may have 512"):
+        parse_path("lamp " + "(.* box){300}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import fnmatch
 import hashlib
 from collections.abc import Iterable
 from functools import lru_cache
@@ -15,6 +14,7 @@ from pydantic import Field
 
 from raymap.errors import SceneError
 from raymap.units import length_scale
+from raymap.wildcards import Wildcard
 from tracer.geometry.bodies import MeshBody
 from tracer.geometry.body import Body, FacePlan
 from tracer.importers.step_read import CadSolid, clean_name, read_step
@@ -163,7 +163,7 @@ def _body(
     known = {face.name for face in solid.faces}
     faces = _spread(model.faces, known)
     for pattern, part in model.bodies.items():
-        if fnmatch.fnmatchcase(solid.name, pattern):
+        if Wildcard(pattern, escapes=False).matches(solid.name):
             given = part.model_dump(exclude_unset=True, exclude={"faces"})
             settings |= {key: value for key, value in given.items() if value is not None}
             faces |= _spread(part.faces, known)
@@ -192,18 +192,20 @@ def _body(
 
 def _spread(faces: dict[str, str], known: set[str]) -> dict[str, str]:
     """Surfaces of faces by pattern as surfaces of faces by name."""
+    wanted = [(Wildcard(pattern, escapes=False), surface) for pattern, surface in faces.items()]
     return {
         face: surface
-        for pattern, surface in faces.items()
+        for pattern, surface in wanted
         for face in sorted(known)
-        if fnmatch.fnmatchcase(face, pattern)
+        if pattern.matches(face)
     }
 
 
 def _matching(patterns: Iterable[str], names: list[str], place: str) -> set[str]:
     found: set[str] = set()
     for pattern in patterns:
-        matched = {name for name in names if fnmatch.fnmatchcase(name, pattern)}
+        wanted = Wildcard(pattern, escapes=False)
+        matched = {name for name in names if wanted.matches(name)}
         if not matched:
             near = difflib.get_close_matches(pattern, names, n=3, cutoff=0.4) or names[:8]
             raise SceneError(
@@ -217,7 +219,8 @@ def _matching(patterns: Iterable[str], names: list[str], place: str) -> set[str]
 def _check_faces(faces: dict[str, str], solids: list[CadSolid], place: str) -> None:
     known = [face.name for solid in solids for face in solid.faces]
     for pattern in faces:
-        if not any(fnmatch.fnmatchcase(name, pattern) for name in known):
+        wanted = Wildcard(pattern, escapes=False)
+        if not any(wanted.matches(name) for name in known):
             near = difflib.get_close_matches(pattern, known, n=3, cutoff=0.4) or known[:8]
             raise SceneError(
                 f"{place}.faces.{pattern}: no solid has such a face; there are {', '.join(near)} "

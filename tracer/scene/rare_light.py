@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from fnmatch import fnmatchcase
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from raymap.errors import SceneError
+from raymap.wildcards import Wildcard
 from tracer.geometry.shapes import Annulus, Rectangle, Shape
 from tracer.scene.arrays import (
     TARGET_RECTANGLE,
@@ -79,18 +79,19 @@ def compile_rare_light(
         return None
     targets: list[Array] = []
     for pattern in model.aim:
+        wanted = Wildcard(pattern, escapes=False)
         rows = [
             _rectangle(plane, both_sides=both)
             for name, (plane, both) in detectors.items()
-            if fnmatchcase(name, pattern)
+            if wanted.matches(name)
         ]
         owners = dict.fromkeys(name.rpartition(".")[0] for name in faces)
         for owner in owners:
-            if fnmatchcase(owner, pattern) and owner not in detectors:
+            if wanted.matches(owner) and owner not in detectors:
                 whole = [s for n in faces if n.rpartition(".")[0] == owner for s in faces[n]]
                 rows.append(_target(whole))
         for name, shapes in faces.items():
-            if fnmatchcase(name, pattern) and name.rpartition(".")[0] not in detectors:
+            if wanted.matches(name) and name.rpartition(".")[0] not in detectors:
                 rows.append(_target(shapes))
         if not rows:
             from tracer.scene.load import _nearest

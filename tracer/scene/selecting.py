@@ -7,11 +7,11 @@ detectors) of which no pattern of ``use`` speaks stays whole.
 from __future__ import annotations
 
 import difflib
-import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
 from raymap.errors import SceneError
+from raymap.wildcards import Wildcard
 from tracer.scene.fields import Node
 
 __all__ = ["KINDS", "Selecting", "SimulationModel", "select_parts"]
@@ -75,10 +75,9 @@ def select_parts(
 
 def _matches(pattern: str, names: Mapping[str, list[str]], place: str) -> dict[str, set[str]]:
     """Names of each kind that a pattern means; kinds of which it means none are left away."""
-    letters = {"*": ".*", "?": "."}
-    wanted = re.compile("".join(letters.get(c) or re.escape(c) for c in pattern), re.DOTALL)
+    wanted = Wildcard(pattern, escapes=False)
     found = {
-        kind: {name for name in known if wanted.fullmatch(name)} for kind, known in names.items()
+        kind: {name for name in known if wanted.matches(name)} for kind, known in names.items()
     }
     found = {kind: matched for kind, matched in found.items() if matched}
     if not found:
