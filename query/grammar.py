@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from query import criteria as c
 from query.names import nearest_names
-from query.units import known_units
+from query.units import known_units, unit_words
 from raymap.errors import CriterionError
 from raymap.events import FAMILIES
 
@@ -233,10 +233,7 @@ class _Builder:
             raise self.fail("expected a number, for example 2 or 550 nm", node)
         unit = str(node.children[1].children[0]) if len(node.children) > 1 else ""
         if unit and unit not in self.units:
-            near = nearest_names(unit, self.units)
-            raise self.fail(
-                f"unknown unit {unit!r}" + (f"; nearest: {', '.join(near)}" if near else ""), node
-            )
+            raise self.fail(f"unknown unit {unit!r}; units are {unit_words()}", node)
         value = float(node.children[0])
         if value in (float("inf"), float("-inf")):
             raise self.fail("the number is too large", node)

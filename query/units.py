@@ -7,7 +7,7 @@ import math
 from raymap.errors import CriterionError
 from raymap.units import METRES
 
-__all__ = ["convert", "known_units", "length_factor"]
+__all__ = ["convert", "known_units", "length_factor", "unit_words"]
 
 _LENGTH_M = METRES | {"μm": 1e-6, "dm": 1e-1, "km": 1e3, "inch": METRES["in"]}
 _WAVELENGTH_NM = {"nm": 1.0, "um": 1e3, "µm": 1e3, "μm": 1e3, "mm": 1e6, "m": 1e9, "Å": 0.1}
@@ -50,6 +50,12 @@ def length_factor(unit: str, length_unit: str) -> float:
 def known_units() -> set[str]:
     """Every unit word of the language."""
     return {*_LENGTH_M, *_WAVELENGTH_NM, *_ANGLE_DEG, *_FLUX["W"], *_FLUX["lm"]}
+
+
+def unit_words() -> str:
+    """The units by what they measure, each in one spelling, for messages."""
+    groups = (_LENGTH_M, _ANGLE_DEG, _FLUX["W"], _FLUX["lm"])
+    return "; ".join(" ".join(u for u in group if u.isascii()) for group in groups)
 
 
 def convert(number: float, unit: str, quantity: str, length_unit: str, flux_unit: str) -> float:

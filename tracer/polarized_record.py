@@ -16,6 +16,7 @@ from __future__ import annotations
 import os
 import threading
 import time
+import warnings
 from collections import deque
 from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -38,12 +39,17 @@ from tracer.engine.polarized import (
 )
 from tracer.engine.wavefront import Wavefront
 from tracer.geometry.kinds import MESH
-from tracer.results import RecordResult
+from tracer.results import RecordResult, StoppedLight, stopped_notes
 from tracer.scene.arrays import F_KIND, F_OBJECT, F_TRIANGLE
 from tracer.scene.compilations import compilation_of
 from tracer.scene.compile import Compilation
 from tracer.scene.model import Scene
-from tracer.scene.supported import refuse_pinholes
+from tracer.scene.source_check import check_sources
+from tracer.scene.supported import (
+    refuse_pinholes,
+    refuse_polarising_faces,
+    refuse_weighting,
+)
 from tracer.tally import Tally
 
 __all__ = ["Polarization", "PolarizedWavefront", "record_polarized"]
@@ -148,6 +154,8 @@ class PolarizedWavefront:
     """Traces portions of polarised light; safe to call from many threads."""
 
     def __init__(self, compilation: Compilation, seed: int, polarization: Polarization) -> None:
+        refuse_weighting(compilation.scene, "polarised light")
+        refuse_polarising_faces(compilation)
         self.scene = compilation.arrays
         self.seed = seed
         self.polarization = polarization
@@ -227,6 +235,7 @@ def record_polarized(
     refuse_pinholes(compilation, "the polarised one")
     options = polarization or Polarization()
     engine = PolarizedWavefront(compilation, seed, options)
+    check_sources(compilation, engine=engine.engine)
     tally = Tally(compilation.directory, compilation.channel_set)
     count = threads or os.cpu_count() or 1
     writer = None if path is None else _writer(Path(path), compilation, append, force)
@@ -259,6 +268,11 @@ def record_polarized(
         raise
     elapsed = time.perf_counter() - began
     counts = tally.counts()
+    notes = stopped_notes(
+        tally.share("stopped"), tally.share("errors"), compilation.scene.limits.depth
+    )
+    for note in notes:
+        warnings.warn(note, StoppedLight, stacklevel=2)
     return RecordResult(
         rays=tally.rays,
         records=tally.records,
@@ -270,6 +284,7 @@ def record_polarized(
         audit=tally.audit(),
         absorbed_by=tally.absorbed_by(),
         fluxes=counts.fluxes(),
+        warnings=notes,
         counts=counts,
     )
 

@@ -25,12 +25,12 @@ from tracer.counts import Counts
 from tracer.engine.wavefront import Wavefront
 from tracer.pieces import copied, split_portion
 from tracer.rehearsal import compile_trace, order_faces
-from tracer.results import Progress, RecordResult
+from tracer.results import Progress, RecordResult, StoppedLight, stopped_notes
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.load import load_scene
 from tracer.scene.model import Scene
 from tracer.scene.source_check import check_sources
-from tracer.scene.supported import refuse_pinholes
+from tracer.scene.supported import refuse_pinholes, warn_of_polarised_sources
 from tracer.tally import Tally
 
 if TYPE_CHECKING:
@@ -41,14 +41,7 @@ __all__ = ["StoppedLight", "record", "run_into"]
 
 DEFAULT_RAYS = 1_000_000
 DEFAULT_SEED = 1
-STOPPED_SHARE = 1e-4
-"""A larger share of light stopped by the depth limit is warned about."""
-
 _PILOT_RAYS = 1024
-
-
-class StoppedLight(UserWarning):
-    """The depth limit stopped more light than can be neglected."""
 
 
 def record(
@@ -111,6 +104,7 @@ def record(
         encoder = PortionEncoder(compilation.directory, raw=raw, compact=compact)
         compile_trace(compilation, None if no_rays else encoder, count)
         check_sources(compilation)
+        warn_of_polarised_sources(compilation)
         compilation = order_faces(compilation)
         if compilation.arrays.rare is not None:
             refuse_pinholes(compilation, "the weighted one")
@@ -414,19 +408,11 @@ class _Run:
             )
 
     def _notes(self) -> list[str]:
-        stopped, errors = self.tally.share("stopped"), self.tally.share("errors")
-        notes = []
-        if stopped > STOPPED_SHARE:
-            notes.append(
-                f"the depth limit of {self.compilation.scene.limits.depth} stopped {stopped:.3%} "
-                "of the light; raise limits.depth"
-            )
-        if errors > 0.0:
-            notes.append(
-                f"{errors:.3%} of the light met faces in a wrong order (geometry errors); bodies "
-                "overlap or touch: raymap query MAP 'event(geometry_error)' shows where"
-            )
-        return notes
+        return stopped_notes(
+            self.tally.share("stopped"),
+            self.tally.share("errors"),
+            self.compilation.scene.limits.depth,
+        )
 
 
 def _pinholes(compilation: Compilation | CrystalCompilation) -> Pinholes | None:

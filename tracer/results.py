@@ -7,7 +7,36 @@ from typing import Any
 
 from tracer.counts import Counts, DetectorCount
 
-__all__ = ["Progress", "RecordResult"]
+__all__ = ["Progress", "RecordResult", "StoppedLight", "stopped_notes"]
+
+STOPPED_SHARE = 1e-4
+"""A larger share of light stopped by the depth limit is warned about."""
+
+
+class StoppedLight(UserWarning):
+    """The depth limit stopped more light than can be neglected."""
+
+
+def stopped_notes(stopped: float, errors: float, depth: int) -> list[str]:
+    """What is said of light that did not end by physics, a line each.
+
+    Parameters
+    ----------
+    stopped, errors : shares of all light that the depth limit stopped, and that met faces in a
+        wrong order
+    depth : the limit
+    """
+    notes = []
+    if stopped > STOPPED_SHARE:
+        notes.append(
+            f"the depth limit of {depth} stopped {stopped:.3%} of the light; raise limits.depth"
+        )
+    if errors > 0.0:
+        notes.append(
+            f"{errors:.3%} of the light met faces in a wrong order (geometry errors); bodies "
+            "overlap or touch: raymap query MAP 'event(geometry_error)' shows where"
+        )
+    return notes
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -34,7 +34,9 @@ from tracer.crystals.rhomb_body import RhombBody
 from tracer.crystals.rows import ISOTROPIC, KIND
 from tracer.geometry.bodies import BoxBody, MeshBody, PrismBody
 from tracer.geometry.body import Body
+from tracer.scene.fields import Node
 from tracer.scene.model import RGB_NM, MediumModel, Scene
+from tracer.scene.supported import refuse_weighting
 
 if TYPE_CHECKING:
     from tracer.scene.source_model import SourceModel
@@ -51,6 +53,15 @@ __all__ = [
 Array = NDArray[np.float64]
 
 _BODIES = "box, prism, rhomb and mesh"
+_PLACED = {"kind", "position", "axis", "rotation"}
+_OF_BODIES = _PLACED | {
+    "medium", "surface", "faces", "size", "outline", "length", "edge", "file", "scale", "flip",
+}  # fmt: skip
+_OF_SOURCES = _PLACED | {
+    "on", "flux", "flux_unit", "direction", "aim", "distance", "diameter", "cone_deg",
+    "polarisation",
+}  # fmt: skip
+_OF_DETECTORS = {"kind", "position", "looks", "up", "size", "cells", "blocking"}
 _MOST_KAPPA = 0.05
 """Up to here what a face reflects differs by less than 1e-3 from that of the real tensor."""
 
@@ -92,6 +103,7 @@ def compile_crystals(scene: Scene) -> CrystalCompilation:
     SceneError
         naming the key that a scene of crystals cannot have
     """
+    refuse_weighting(scene, "the tracer of crystals")
     crystals = crystal_scene_of(scene)
     directory, meshes = hashed_directory(crystals, flux_unit=scene.flux_unit)
     return CrystalCompilation(
@@ -153,6 +165,14 @@ def world_of(scene: Scene) -> Crystal:
 
 def _refused(scene: Scene, key: str, message: str) -> SceneError:
     return SceneError(f"{scene.origin}: {key}: {message}")
+
+
+def _refuse_ignored(scene: Scene, place: str, model: Node, obeyed: set[str]) -> None:
+    """Refuse a key that is set to something else than its default and would have no effect."""
+    for name in sorted(model.model_fields_set - obeyed):
+        field = type(model).model_fields.get(name)
+        if field is None or getattr(model, name) != field.get_default(call_default_factory=True):
+            raise _refused(scene, f"{place}.{name}", "has no effect in a scene with crystals")
 
 
 def _medium(scene: Scene, name: str, axis: Array | None) -> Crystal:
@@ -217,10 +237,13 @@ def _body(scene: Scene, name: str, body: Body) -> CrystalBody:
         raise _refused(scene, f"{place}.medium", "every body is a solid in a scene with crystals")
     for surface in {body.surface, *body.faces.values()} - {None}:
         model = scene.surfaces.get(surface or "")
-        if model is None or model.kind != "dielectric" or model.coating is not None:
+        if model is None or model.kind != "dielectric" or model.model_fields_set - {"kind"}:
             raise _refused(
                 scene, f"{place}.surface", f"{surface!r} is not a bare dielectric, as crystals need"
             )
+    if not isinstance(body, RhombBody | BoxBody | PrismBody | MeshBody):
+        raise _refused(scene, f"{place}.kind", f"crystals are traced in bodies of kind {_BODIES}")
+    _refuse_ignored(scene, place, body, _OF_BODIES)
     if isinstance(body, RhombBody):
         planes, axis = body.hull()
         return convex_body(name, _medium(scene, body.medium, axis), planes)
@@ -234,9 +257,7 @@ def _body(scene: Scene, name: str, body: Body) -> CrystalBody:
         )  # fmt: skip
         origin, frame = body.frame()
         return mesh_body(name, medium, mesh.vertices @ frame.T + origin, mesh.triangles)
-    if isinstance(body, BoxBody | PrismBody):
-        return convex_body(name, medium, _planes(body))
-    raise _refused(scene, f"{place}.kind", f"crystals are traced in bodies of kind {_BODIES}")
+    return convex_body(name, medium, _planes(body))
 
 
 def _planes(body: BoxBody | PrismBody) -> Array:
@@ -265,6 +286,7 @@ def _pencil(scene: Scene, name: str, source: SourceModel) -> Pencil:
         raise _refused(scene, place, "inside and share have no meaning for crystals")
     if source.flux_unit not in (None, scene.flux_unit):
         raise _refused(scene, f"{place}.flux_unit", f"crystals take {scene.flux_unit} here")
+    _refuse_ignored(scene, place, source, _OF_SOURCES)
     cone = source.cone_deg or 0.0
     if source.kind == "point" and not 0.0 < cone < 90.0:
         raise _refused(scene, f"{place}.cone_deg", "a point source needs a cone below 90 degrees")
@@ -288,6 +310,7 @@ def _plane(scene: Scene, name: str) -> PlaneDetector:
         raise _refused(
             scene, place, "both_sides, acceptance_deg and surface have no meaning for crystals"
         )
+    _refuse_ignored(scene, place, model, _OF_DETECTORS)
     u, v, _ = model.axes()
     assert model.cells is not None
     return PlaneDetector(

@@ -10,6 +10,7 @@ from the emission to the record's point.
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,7 +35,7 @@ from tracer.scene.arrays import L_MEDIUM, SOURCE_ROW
 from tracer.scene.compilations import compilation_of
 from tracer.scene.compile import Compilation
 from tracer.scene.model import Scene
-from tracer.scene.supported import require_plain_scene
+from tracer.scene.supported import refuse_weighting, require_plain_scene
 from tracer.sources import emit_ray, emitted_counts
 from tracer.tally import Tally
 
@@ -238,6 +239,9 @@ def record_lens_trees(
     refuse_existing(target, force=force)
     compilation = compilation_of(scene)
     require_plain_scene(compilation, "the tracer of whole lenses")
+    refuse_weighting(compilation.scene, "the tracer of whole lenses")
+    _refuse_polarised_sources(compilation)
+    _warn_of_depth(compilation, depth)
     tracer = LensTracer(compilation, seed, depth=depth, min_flux=min_flux)
     tally = Tally(compilation.directory, compilation.channel_set)
     with RayMapWriter.create(
@@ -256,6 +260,33 @@ def record_lens_trees(
     return TreeRecord(
         emissions=emissions, rays=tally.rays, records=tally.records, audit=tally.audit()
     )
+
+
+def _refuse_polarised_sources(compilation: Compilation) -> None:
+    """Refuse light of a given vibration: trees start from natural light.
+
+    Raises
+    ------
+    SceneError
+    """
+    scene = compilation.scene
+    for name, source in scene.sources.items():
+        if source.on and source.polarisation is not None:
+            raise SceneError(
+                f"{scene.origin}: sources.{name}.polarisation: the tracer of whole lenses starts "
+                "with natural light; leave it out, or record without lens trees"
+            )
+
+
+def _warn_of_depth(compilation: Compilation, depth: int) -> None:
+    """Say that a limit of the scene counts something else than levels of a tree."""
+    scene = compilation.scene
+    if scene.limits.depth < type(scene.limits)().depth:
+        warnings.warn(
+            f"{scene.origin}: limits.depth = {scene.limits.depth} has no effect on lenses as "
+            f"primitives: each is left after {depth} levels (depth of the trees)",
+            stacklevel=3,
+        )
 
 
 @kernel

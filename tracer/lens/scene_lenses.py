@@ -13,7 +13,7 @@ from tracer.lens.errors import LensError
 from tracer.lens.glass import Glass
 from tracer.lens.lens import Lens
 from tracer.optics.dispersion import constant
-from tracer.scene.arrays import DIELECTRIC, F_OBJECT, F_SURFACE, S_KIND, S_MODEL
+from tracer.scene.arrays import DIELECTRIC, F_OBJECT, F_SURFACE, S_KIND, S_MODEL, S_TABLE
 from tracer.scene.compile import Compilation
 
 __all__ = ["LensScene", "Plane", "SceneLens"]
@@ -113,6 +113,13 @@ class LensScene:
         media = [medium.name for medium in directory.media]
         objects = [item.name for item in directory.objects]
         outside = media.index(scene.world.medium)
+        for name, detector in scene.detectors.items():
+            if detector.blocking and not _absorbs(compilation, detector.surface or "absorber"):
+                raise LensError(
+                    f"detectors.{name}.surface: {detector.surface!r} is no absorber, as every "
+                    "blocking detector of whole lenses is; leave it out, or record the scene with "
+                    "ordinary faces"
+                )
         for name, body in scene.bodies.items():
             _check_body(compilation, name, body, objects.index(name))
         lenses = []
@@ -188,6 +195,13 @@ def _check_body(compilation: Compilation, name: str, body: object, number: int) 
             )
         if face.conic != 0.0 or any(face.aspheric):
             raise LensError(f"bodies.{name}.{which} is neither a sphere nor a plane; {remedy}")
+    if body.hole is not None:
+        raise LensError(f"bodies.{name}.hole: a primitive has no bore; {remedy}")
+    rim = body.faces.get("rim", body.rim)
+    if not _absorbs(compilation, rim):
+        raise LensError(
+            f"bodies.{name}.rim: {rim!r} is no absorber, as the rim of a primitive is; {remedy}"
+        )
     if body.outer_radius() > max(body.front.semi_diameter or 0.0, body.back.semi_diameter or 0.0):
         raise LensError(f"bodies.{name}.diameter is larger than its faces; {remedy}")
     if body.front.semi_diameter != body.back.semi_diameter:
@@ -195,9 +209,19 @@ def _check_body(compilation: Compilation, name: str, body: object, number: int) 
             f"bodies.{name}: faces of different semi_diameter have a flat land in a scene, a cone "
             f"as a primitive; {remedy}"
         )
+    medium = compilation.scene.media.get(body.medium)
+    if medium is not None and medium.scattering is not None:
+        raise LensError(f"bodies.{name}: nothing scatters in a lens as a primitive; {remedy}")
     arrays = compilation.arrays
     rows = np.flatnonzero(arrays.face_i[:, F_OBJECT] == number)[:2]
     for row, which in zip(rows, ("front", "back"), strict=True):
         surface = arrays.surface_i[arrays.face_i[row, F_SURFACE]]
-        if surface[S_KIND] != DIELECTRIC or surface[S_MODEL] != 0:
+        bare = surface[S_KIND] == DIELECTRIC and surface[S_MODEL] == 0 and surface[S_TABLE] < 0
+        if not bare:
             raise LensError(f"bodies.{name}.{which} is not a bare polished interface; {remedy}")
+
+
+def _absorbs(compilation: Compilation, surface: str) -> bool:
+    """Whether a surface takes all light."""
+    model = compilation.scene.surfaces.get(surface)
+    return surface == "absorber" if model is None else model.kind == "absorber"

@@ -23,6 +23,7 @@ from tracer.render.renderer import RenderScene
 from tracer.render.room import WALLS, Room, checker_board, uniform
 from tracer.render.spectra import visible_wavelengths
 from tracer.scene.load import parse_scene
+from tracer.scene.supported import refuse_weighting
 
 __all__ = ["load_render_scene", "load_render_text"]
 
@@ -143,6 +144,7 @@ def load_render_text(text: str, *, folder: Path = Path(), source: str = "scene")
             f"{source}: a picture needs [room] and [camera] beside the bodies; "
             "raymap record traces a scene without them"
         )
+    refuse_weighting(scene, "raymap render")
     model = checked(PictureModel, tables, source)
     bodies = bodies_of(scene)
     given = scene.spectrum.kind == "spectral"

@@ -21,6 +21,7 @@ from tracer.scattering.goniophotometer import AngularGrid, Goniogram
 from tracer.scene.compilations import compilation_of
 from tracer.scene.compile import Compilation
 from tracer.scene.model import Scene
+from tracer.scene.supported import refuse_weighting
 
 __all__ = ["measure_scene"]
 
@@ -58,6 +59,7 @@ def measure_scene(
     if rays < 2 * _BATCHES:
         raise SceneError(f"goniophotometer: at least {2 * _BATCHES} rays are needed, got {rays}")
     compilation = compilation_of(scene)
+    refuse_weighting(compilation.scene, "the goniophotometer")
     if len(compilation.directory.sources) != 1:
         raise SceneError("the goniophotometer needs a scene with exactly one source, a beam")
     cells = grid or AngularGrid()

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, field_serializer
 
 from tracer.scene.fields import Node, Positive, Vector, is_direction
 
@@ -45,9 +45,9 @@ def _parallel(a: Vector, b: Vector) -> bool:
 class DetectorModel(Node):
     """A grid of cells that counts light.
 
-    plane : a rectangle that ``looks`` in a direction, ``up`` along its v axis, registers light that
-        comes from where it looks; a blocking one is also an object of its name, with ``surface``
-        (an absorber unless given)
+    plane : a rectangle that ``looks`` in a direction, ``up`` along its v axis (without it +y, or +z
+        where it looks along y), registers light that comes from where it looks; a blocking one is
+        also an object of its name, with ``surface`` (an absorber unless given)
     far_field : directions of light that leaves the scene, by C and gamma about ``axis``
     camera : an ideal thin lens of diameter ``aperture``, sharp at the distance ``focus``; rays that
         pass it register at their place in the picture
@@ -59,7 +59,7 @@ class DetectorModel(Node):
     kind: Literal["plane", "far_field", "camera", "pinhole", "surface"] = "plane"
     position: Vector = (0.0, 0.0, 0.0)
     looks: Vector = (0.0, 0.0, 1.0)
-    up: Vector = (0.0, 1.0, 0.0)
+    up: Vector | None = None
     size: tuple[Positive, Positive] = (1.0, 1.0)
     cells: tuple[Side, Side] | None = None
     blocking: bool = False
@@ -84,9 +84,9 @@ class DetectorModel(Node):
         for name in _NEEDED[self.kind]:
             if name not in self.model_fields_set:
                 raise ValueError(f"{name} is missing: a {self.kind} detector needs it")
-        if not (is_direction(self.looks) and is_direction(self.up)):
+        if not (is_direction(self.looks) and (self.up is None or is_direction(self.up))):
             raise ValueError("looks and up must not be the zero vector")
-        if _parallel(self.looks, self.up):
+        if self.up is not None and _parallel(self.looks, self.up):
             raise ValueError("looks and up must be two different directions")
         if self.surface is not None and not self.blocking:
             raise ValueError("only a blocking detector has a surface")
@@ -97,6 +97,18 @@ class DetectorModel(Node):
         low, high = self.gamma_deg
         if not 0.0 <= low < high <= 180.0:
             raise ValueError("gamma_deg must be two rising angles within 0 .. 180")
+
+    @field_serializer("up")
+    def _upward(self, up: Vector | None) -> Vector:
+        """Detectors of one place have one fingerprint, with ``up`` in words or without."""
+        return self.upward
+
+    @property
+    def upward(self) -> Vector:
+        """``up`` as given; without it +y, or +z where the detector looks along y."""
+        if self.up is not None:
+            return self.up
+        return (0.0, 0.0, 1.0) if _parallel(self.looks, (0.0, 1.0, 0.0)) else (0.0, 1.0, 0.0)
 
     @property
     def virtual_plane(self) -> bool:
@@ -113,7 +125,7 @@ class DetectorModel(Node):
         if self.kind == "far_field":
             return self._far_axes()
         n = np.array(self.looks) / np.linalg.norm(self.looks)
-        v = np.array(self.up) - (np.array(self.up) @ n) * n
+        v = np.array(self.upward) - (np.array(self.upward) @ n) * n
         v /= np.linalg.norm(v)
         if self.kind in ("camera", "pinhole"):
             return np.cross(n, v), v, n

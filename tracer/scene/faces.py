@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,13 @@ class Primitive:
     outside: int = -1
     detector: int = -1
     event: int = 0
+
+
+_BUILT_IN = {
+    "bare": SurfaceModel(kind="dielectric"),
+    "absorber": SurfaceModel(kind="absorber"),
+}
+"""Surfaces that need no table."""
 
 
 class FaceTable:
@@ -84,18 +91,22 @@ class FaceTable:
                 )
             name = "bare"
         if name not in self.surface_names:
-            builtin = {
-                "bare": SurfaceModel(kind="dielectric"),
-                "absorber": SurfaceModel(kind="absorber"),
-            }
-            if name not in builtin:
-                raise self.fail(
-                    place,
-                    f"there is no surface {name!r}{_nearest(name, self.scene.surfaces)}",
-                )
+            if name not in _BUILT_IN:
+                raise self.fail(place, self._unknown_surface(name))
             self.surface_names.append(name)
-            self.extra_surfaces[name] = builtin[name]
+            self.extra_surfaces[name] = _BUILT_IN[name]
         return self.surface_names.index(name)
+
+    def _unknown_surface(self, name: str) -> str:
+        """What is wrong with the name of a surface, and how to mend it."""
+        known = dict.fromkeys([*self.scene.surfaces, *_BUILT_IN], 0)
+        kinds = get_args(SurfaceModel.model_fields["kind"].annotation)
+        if name in kinds:
+            return (
+                f"there is no surface {name!r}; it is a kind: add [surfaces.{name}] with "
+                f'kind = "{name}" and its numbers, then name that'
+            )
+        return f"there is no surface {name!r}{_nearest(name, known)} (or add [surfaces.{name}])"
 
     def build(self) -> None:
         """Number all faces: bodies first, then blocking detectors.

@@ -31,8 +31,14 @@ class MisplacedLight(UserWarning):
     """Part of a source's light starts in a solid that the source does not name."""
 
 
-def check_sources(compilation: Compilation, *, seed: int = 1) -> None:
+def check_sources(
+    compilation: Compilation, *, seed: int = 1, engine: Wavefront | None = None
+) -> None:
     """Trace a few rays and see whether they start where the scene says.
+
+    Parameters
+    ----------
+    engine : traces them; by default one of this scene with the seed
 
     Raises
     ------
@@ -47,7 +53,8 @@ def check_sources(compilation: Compilation, *, seed: int = 1) -> None:
     solids = [name for name, body in compilation.scene.bodies.items() if body.medium is not None]
     if not solids:
         return
-    engine = Wavefront(compilation.arrays, seed, meshes=compilation.solids, weighted=True)
+    if engine is None:
+        engine = Wavefront(compilation.arrays, seed, meshes=compilation.solids, weighted=True)
     portion = engine.trace(0, max(16, _RAYS // engine.fan))
     wrong, leaving = _wrong_starts(portion)
     for k, (name, model) in enumerate(compilation.scene.sources.items()):

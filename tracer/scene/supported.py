@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,8 +20,16 @@ from tracer.scene.arrays import (
 
 if TYPE_CHECKING:
     from tracer.scene.compile import Compilation
+    from tracer.scene.model import Scene, SurfaceModel
 
-__all__ = ["refuse_pinholes", "require_plain_scene"]
+__all__ = [
+    "NaturalLight",
+    "refuse_pinholes",
+    "refuse_polarising_faces",
+    "refuse_weighting",
+    "require_plain_scene",
+    "warn_of_polarised_sources",
+]
 
 _PLAIN = (COLLIMATED, LAMBERTIAN_CONE, UNIFORM_CONE)
 
@@ -65,3 +74,86 @@ def require_plain_scene(compilation: Compilation, engine: str) -> None:
                 f"{place}: sources.{name}: {engine} does not know light of kind {model.kind!r}; "
                 "record the scene with the general engine"
             )
+
+
+def refuse_weighting(scene: Scene, engine: str) -> None:
+    """Refuse a scene that asks for the weighted mode, of an engine that draws all light evenly.
+
+    Parameters
+    ----------
+    engine : names what cannot obey, as the subject of a sentence
+
+    Raises
+    ------
+    SceneError
+        naming the keys of ``[trace]`` that would have no effect
+    """
+    if scene.trace.mode == "analog":
+        return
+    keys = ", ".join(sorted(scene.trace.model_fields_set - {"mode"}))
+    raise SceneError(
+        f"{scene.origin}: trace.mode: {engine} knows the analog mode only, mode = 'weighted' "
+        f"({keys}) would have no effect; leave [trace] out"
+    )
+
+
+def refuse_polarising_faces(compilation: Compilation) -> None:
+    """Refuse faces whose reflection of s and p differs in a way that the pass does not know.
+
+    Raises
+    ------
+    SceneError
+        naming the surface, its key and a face that has it
+    """
+    directory, scene = compilation.directory, compilation.scene
+    faces: dict[str, str] = {}
+    for item in directory.objects:
+        for face in item.faces:
+            if face.surface >= 0:
+                name = directory.surfaces[face.surface].name
+                faces.setdefault(name, f"{item.name}.{face.name}")
+    for name, model in scene.surfaces.items():
+        unknown = _unpolarised_key(model) if name in faces else None
+        if unknown is not None:
+            key, why = unknown
+            raise SceneError(
+                f"{scene.origin}: surfaces.{name}.{key}: {why}, which record-polarized does not "
+                f"know (face {faces[name]}); raymap record traces it with natural light"
+            )
+
+
+class NaturalLight(UserWarning):
+    """Light that the scene says is polarised is traced as natural light."""
+
+
+def warn_of_polarised_sources(compilation: Compilation) -> None:
+    """Say which sources are traced as natural light though the scene gives their vibration.
+
+    Warns
+    -----
+    NaturalLight
+    """
+    scene = compilation.scene
+    for name, source in scene.sources.items():
+        if source.on and source.polarisation is not None:
+            warnings.warn(
+                f"{scene.origin}: sources.{name}.polarisation has no effect on natural light; "
+                "raymap record-polarized heeds it",
+                NaturalLight,
+                stacklevel=3,
+            )
+
+
+def _unpolarised_key(model: SurfaceModel) -> tuple[str, str] | None:
+    """The key by which a surface treats s and p unlike, and what it does; None if there is none."""
+    if model.coating is not None:
+        return "coating", "a coating reflects s and p unlike"
+    if model.metal is not None:
+        return "metal", "a metal n + i k reflects s and p unlike"
+    if model.kind == "dielectric" and model.scatter is not None:
+        return "scatter", "scatter takes its share from the s and p light that is reflected"
+    if model.kind == "rough_dielectric":
+        return "kind", "the facets of a rough dielectric reflect s and p unlike"
+    if model.kind == "filter":
+        return "kind", "a filter reflects s and p unlike at its two faces"
+    return None

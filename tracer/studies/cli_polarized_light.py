@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from raymap.cli import Json, emit_json
+from raymap.cli import Json, emit_json, warnings_on_stderr
 
 if TYPE_CHECKING:
     from tracer.studies.specimens import CrystalPlate
@@ -114,26 +114,38 @@ def record_polarized(
 
     result: dict[str, object]
     if lens_trees is not None:
-        tree = record_lens_trees(
-            scene, output, emissions=rays, depth=lens_trees, seed=seed, force=force
+        _refuse_with_trees(
+            {
+                "--threads": threads,
+                "--append": append,
+                "--states": states if states != "linear" else None,
+                "--polariser": polariser,
+                "--source": source,
+                "--phases": phases,
+            }
         )
+        with warnings_on_stderr():
+            tree = record_lens_trees(
+                scene, output, emissions=rays, depth=lens_trees, seed=seed, force=force
+            )
         result = asdict(tree)
     else:
-        done = record(
-            scene,
-            output,
-            polarization=Polarization(
-                states=states,
-                polarisers={name: (axis, 0.0) for name, axis in _axes(polariser, "polariser")},
-                sources=dict(_axes(source, "source")),
-                phases=phases,
-            ),
-            rays=rays,
-            seed=seed,
-            threads=threads,
-            append=append,
-            force=force,
-        )
+        with warnings_on_stderr():
+            done = record(
+                scene,
+                output,
+                polarization=Polarization(
+                    states=states,
+                    polarisers={name: (axis, 0.0) for name, axis in _axes(polariser, "polariser")},
+                    sources=dict(_axes(source, "source")),
+                    phases=phases,
+                ),
+                rays=rays,
+                seed=seed,
+                threads=threads,
+                append=append,
+                force=force,
+            )
         result = {
             item.name: getattr(done, item.name) for item in fields(done) if item.name != "detectors"
         }
@@ -141,6 +153,18 @@ def record_polarized(
         emit_json(result)
         return
     typer.echo(f"{result['rays']:,} rays, {result['records']:,} records in {output}")
+
+
+def _refuse_with_trees(options: dict[str, object]) -> None:
+    """Refuse options that would have no effect on lenses as primitives."""
+    from raymap.errors import SceneError
+
+    given = [name for name, value in options.items() if value]
+    if given:
+        raise SceneError(
+            f"--lens-trees does not know {', '.join(given)}: its trees start from natural light "
+            "and are written in one go; leave it out"
+        )
 
 
 def _axes(texts: list[str] | None, option: str) -> list[tuple[str, tuple[float, float, float]]]:

@@ -240,6 +240,7 @@ def examine(scene: Scene) -> dict[str, Any]:
     """What `raymap check` reports: bodies, media, overlaps, first-order numbers."""
     from tracer.scene.compile import compile_scene
     from tracer.scene.source_check import check_sources
+    from tracer.scene.supported import warn_of_polarised_sources
 
     if scene.has_crystals:
         from tracer.crystals.scene_language import compile_crystals
@@ -248,6 +249,7 @@ def examine(scene: Scene) -> dict[str, Any]:
         return _parts(scene, found.directory, found.channel_set.labels)
     compilation = compile_scene(scene)
     check_sources(compilation)
+    warn_of_polarised_sources(compilation)
     report = _parts(scene, compilation.directory, compilation.channel_set.labels)
     report["faces"] = len(compilation.arrays.face_i)
     if any(isinstance(body, LensBody) for body in scene.bodies.values()):

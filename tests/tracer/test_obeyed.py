@@ -1,0 +1,264 @@
+"""What a scene sets is obeyed or refused by name, whichever tracer takes it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from raymap.errors import RayMapError, SceneError
+from tracer import compile_scene, parse_scene
+from tracer.lens.record import record_lens_trees
+from tracer.polarized_record import record_polarized
+from tracer.render.load import load_render_text
+from tracer.scattering.scene_goniophotometer import measure_scene
+from tracer.scene.supported import NaturalLight
+from tracer.studies.lens import examine
+
+WEIGHTED = '[trace]\nmode = "weighted"\nmin_reflection = 0.3\n'
+PLATE = """
+length_unit = "mm"
+[media.glass]
+index = 1.52
+[surfaces.clear]
+kind = "dielectric"
+[surfaces.coated]
+kind = "dielectric"
+coating = { between = ["air", "glass"], layers = [{ index = 2.3, thickness_nm = 70 }] }
+[surfaces.measured]
+kind = "dielectric"
+[surfaces.measured.coating]
+wavelength_nm = [400, 700]
+angle_deg = [0, 90]
+reflectance = [[0.1, 0.1], [0.1, 0.1]]
+transmittance = [[0.9, 0.9], [0.9, 0.9]]
+[surfaces.silver]
+kind = "mirror"
+metal = { n = 0.06, k = 3.6 }
+[surfaces.rough]
+kind = "rough_dielectric"
+roughness = 0.2
+[surfaces.hazy]
+kind = "dielectric"
+scatter = { abg = [1e-4, 0.01, 2.0] }
+[surfaces.sheet]
+kind = "filter"
+transmittance = 0.9
+[surfaces.half]
+kind = "dielectric"
+reflectance = 0.5
+[surfaces.ideal]
+kind = "mirror"
+reflectance = 0.9
+[surfaces.white]
+kind = "lambertian"
+reflectance = 0.5
+[bodies.plate]
+kind = "box"
+size = [20, 20, 2]
+medium = "glass"
+surface = "SURFACE"
+[sources.lamp]
+kind = "collimated"
+position = [0, 0, -10]
+direction = [0, 0, 1]
+diameter = 1
+"""
+CRYSTAL = """
+length_unit = "mm"
+[spectrum]
+kind = "spectral"
+wavelengths_nm = [550]
+[media.calcite]
+crystal = { material = "calcite" }
+[bodies.rhomb]
+kind = "rhomb"
+medium = "calcite"
+edge = 30
+[sources.pencil]
+kind = "collimated"
+position = [0, 0, 60]
+direction = [0, 0, -1]
+diameter = 1
+[detectors.screen]
+position = [0, 0, -40]
+looks = [0, 0, 1]
+size = [20, 20]
+cells = [10, 10]
+"""
+LENS = """
+length_unit = "mm"
+[media.glass]
+index = 1.5
+[bodies.lens]
+kind = "lens"
+medium = "glass"
+thickness = 4
+diameter = 10
+front = { radius = 50 }
+back = { radius = -50 }
+[sources.lamp]
+kind = "collimated"
+position = [0, 0, -10]
+direction = [0, 0, 1]
+diameter = 1
+[detectors.screen]
+position = [0, 0, 50]
+looks = [0, 0, -1]
+size = [20, 20]
+cells = [10, 10]
+blocking = true
+"""
+
+
+def plate(surface: str = "clear", more: str = "") -> str:
+    return PLATE.replace("SURFACE", surface) + more
+
+
+@pytest.mark.parametrize(
+    ("surface", "key"),
+    [
+        ("coated", "surfaces.coated.coating"),
+        ("measured", "surfaces.measured.coating"),
+        ("silver", "surfaces.silver.metal"),
+        ("rough", "surfaces.rough.kind"),
+        ("hazy", "surfaces.hazy.scatter"),
+        ("sheet", "surfaces.sheet.kind"),
+    ],
+)
+def test_polarised_light_refuses_faces_that_part_s_and_p(surface: str, key: str) -> None:
+    """A film of index 2.3 and 70 nm reflects s and p at 45° by 0.440 and 0.166, not alike."""
+    with pytest.raises(SceneError, match=rf"{key}: .*face plate\."):
+        record_polarized(parse_scene(plate(surface)), None, rays=10)
+
+
+@pytest.mark.parametrize("surface", ["clear", "half", "ideal", "white"])
+def test_polarised_light_takes_faces_with_a_law_of_their_own(surface: str) -> None:
+    unused = plate(surface)
+    assert record_polarized(parse_scene(unused), None, rays=200).rays == 200
+
+
+def _polarised(path: Path) -> Any:
+    return record_polarized(parse_scene(plate(more=WEIGHTED)), path, rays=10)
+
+
+def _trees(path: Path) -> Any:
+    return record_lens_trees(parse_scene(LENS + WEIGHTED), path, emissions=10)
+
+
+def _crystals(path: Path) -> Any:
+    from tracer.recording import record
+
+    return record(parse_scene(CRYSTAL + WEIGHTED), path, rays=10)
+
+
+def _crystals_checked(path: Path) -> Any:
+    return examine(parse_scene(CRYSTAL + WEIGHTED))
+
+
+def _goniophotometer(path: Path) -> Any:
+    return measure_scene(parse_scene(plate(more=WEIGHTED)), normal=(0, 0, -1), rays=1000)
+
+
+def _render(path: Path) -> Any:
+    picture = """
+[room]
+low = [-50, -50, -50]
+high = [50, 50, 50]
+all = [1, 1, 1]
+[camera]
+position = [0, 0, 45]
+target = [0, 0, 0]
+sensor = [10, 10]
+focal_length = 10
+pixels = [4, 4]
+"""
+    return load_render_text(CRYSTAL + WEIGHTED + picture)
+
+
+@pytest.mark.parametrize(
+    "engine", [_polarised, _trees, _crystals, _crystals_checked, _goniophotometer, _render]
+)
+def test_a_tracer_without_weights_refuses_the_weighted_mode(engine: Any, tmp_path: Path) -> None:
+    target = tmp_path / "map.raymap"
+    with pytest.raises(SceneError, match=r"trace\.mode: .*min_reflection.*no effect"):
+        engine(target)
+    assert not target.exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key"),
+    [
+        ('medium = "calcite"\n', 'medium = "calcite"\npriority = 2\n', "bodies.rhomb.priority"),
+        ("diameter = 1", "diameter = 1\nshare = 2", "sources.pencil"),
+        ("cells = [10, 10]", "cells = [10, 10]\nacceptance_deg = 20", "detectors.screen"),
+        (
+            '[bodies.rhomb]\nkind = "rhomb"\n',
+            '[surfaces.s]\nkind = "dielectric"\nreflectance = 0.2\n'
+            '[bodies.rhomb]\nkind = "rhomb"\nsurface = "s"\n',
+            "bodies.rhomb.surface",
+        ),
+        (
+            '[bodies.rhomb]\nkind = "rhomb"\n',
+            '[surfaces.s]\nkind = "dielectric"\nscatter = { abg = [1e-4, 0.01, 2] }\n'
+            '[bodies.rhomb]\nkind = "rhomb"\nsurface = "s"\n',
+            "bodies.rhomb.surface",
+        ),
+    ],
+)
+def test_crystals_refuse_what_they_do_not_know(old: str, new: str, key: str) -> None:
+    assert old in CRYSTAL
+    with pytest.raises(SceneError, match=key):
+        examine(parse_scene(CRYSTAL.replace(old, new)))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("diameter = 10\n", "diameter = 10\nhole = 1\n", "hole"),
+        ("diameter = 10\n", 'diameter = 10\nrim = "bare"\n', "rim"),
+        ("blocking = true", 'blocking = true\nsurface = "bare"', "screen.surface"),
+        ("index = 1.5", "index = 1.5\nscattering = { mean_free_path = 1 }", "scatters"),
+        ("diameter = 1\n", "diameter = 1\npolarisation = [1, 0, 0]\n", "lamp.polarisation"),
+    ],
+)
+def test_lens_trees_refuse_what_they_do_not_know(
+    old: str, new: str, said: str, tmp_path: Path
+) -> None:
+    assert old in LENS
+    target = tmp_path / "map.raymap"
+    with pytest.raises(RayMapError, match=said):
+        record_lens_trees(parse_scene(LENS.replace(old, new)), target, emissions=10)
+    assert not target.exists()
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        ["--append"],
+        ["--states", "natural"],
+        ["--polariser", "lens.front=0,1,0"],
+        ["--source", "lamp=0,1,0"],
+        ["--phases"],
+        ["--threads", "2"],
+    ],
+)
+def test_lens_trees_refuse_options_without_effect(
+    option: list[str], run: Any, tmp_path: Path
+) -> None:
+    scene = tmp_path / "lens.toml"
+    scene.write_text(LENS)
+    target = tmp_path / "map.raymap"
+    words = ["record-polarized", scene, "-o", target, "--lens-trees", 4, *option]
+    code, _, error = run(*words)
+    assert code == 1
+    assert option[0] in error
+    assert not target.exists()
+
+
+def test_a_vibration_that_natural_light_does_not_heed_is_warned_about() -> None:
+    lit = plate(more="polarisation = [1, 0, 0]\n")
+    with pytest.warns(NaturalLight, match=r"sources\.lamp\.polarisation has no effect"):
+        examine(parse_scene(lit))
+    assert compile_scene(parse_scene(lit))
