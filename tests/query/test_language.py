@@ -99,7 +99,7 @@ def test_truth_values_are_refused_with_advice(careless: Any) -> None:
         ('count(detected("s")) > 1', r"takes a point condition"),
         ('detected("s", rect(1, 2, 3))', r"four numbers"),
         ('detected("s", rect(1 mm, 2, 3, 4))', r"one unit"),
-        ("wavelength > 5 foo", r"unknown unit 'foo'"),
+        ("wavelength > 5 foo", r"unknown unit 'foo'; units are nm um .* deg .* W .* lm"),
         ("wavelength", r"is a number"),
         ('"L1"', r"is not a criterion"),
         ("reflected", r"write event\(reflected\)"),

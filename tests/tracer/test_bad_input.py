@@ -33,6 +33,18 @@ SURFACE = BALL + 'surface = "m"\n[surfaces.m]\n'
 CASES = {
     "no unit of length": ("!", r"length_unit: is missing"),
     "unknown unit": ("!furlong", r"length_unit: input should be 'mm'"),
+    "a kind where a name belongs": (
+        BALL + 'surface = "mirror"',
+        r"there is no surface 'mirror'; it is a kind: add \[surfaces\.mirror\] with kind",
+    ),
+    "built-in surfaces are known": (
+        BALL + 'surface = "absorbr"',
+        r"there is no surface 'absorbr'; did you mean 'absorber'\?",
+    ),
+    "no surfaces but those built in": (
+        BALL + 'surface = "zzz"',
+        r"there is no surface 'zzz'; known are bare, absorber \(or add \[surfaces\.zzz\]\)",
+    ),
     "mesh without a unit": (MESH.replace("scale = 1\n", ""), r"bodies\.b\.scale: is missing"),
     "gap in an index": (
         INDEX + "{ wavelength_nm = [400, 700], value = [1.5, nan] }",

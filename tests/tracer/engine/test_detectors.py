@@ -21,6 +21,7 @@ from raymap.errors import RayMapError, SceneError
 from tests.tracer.chi2 import SIGNIFICANCE, chi2_counts
 from tests.tracer.engine.tracing import compiled, trace
 from tracer.recording import record
+from tracer.scene.detector_model import DetectorModel
 from tracer.scene.load import parse_scene
 
 UNITS = 'length_unit = "mm"\nflux_unit = "lm"\n'
@@ -430,3 +431,20 @@ cells = [10, 8]
     lux = 20.0 * multiplier / (4.0 * math.pi * 0.05**2)
     excess = ((wall.illuminance - lux) / wall.density_se) ** 2
     assert excess.mean() < 1.6
+
+
+@pytest.mark.parametrize(
+    ("looks", "upward"),
+    [((0, 0, 1), (0, 1, 0)), ((0, 1, 0), (0, 0, 1)), ((0, -2, 0), (0, 0, 1)), ((1, 1, 0), None)],
+)
+def test_a_detector_without_up_stands_upright(
+    looks: tuple[float, float, float], upward: tuple[float, float, float] | None
+) -> None:
+    model = DetectorModel(looks=looks, position=(0, 0, 0), size=(1, 1), cells=(1, 1))
+    u, v, n = model.axes()
+    assert np.allclose(np.cross(u, v), n)
+    assert v @ (upward or (0, 1, 0)) > 0.0
+    if upward is not None:
+        assert np.allclose(v, upward)
+        said = DetectorModel(looks=looks, position=(0, 0, 0), size=(1, 1), cells=(1, 1), up=upward)
+        assert said.model_dump() == model.model_dump()  # one fingerprint of the scene
