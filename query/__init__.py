@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from query.energy import Audit, audit
     from query.explanation import Explanation, explain
     from query.filter_strings import translate
-    from query.ghosts import GhostMatrix, ghost_matrix
+    from query.ghosts import GhostMatrix, GhostTable, ghost_matrix, ghost_table
     from query.grammar import parse
     from query.illumination import Illumination, illuminated
     from query.image_files import write_image
@@ -63,6 +63,7 @@ _LAZY = {
     "DetectorImage": "query.pictures",
     "Explanation": "query.explanation",
     "GhostMatrix": "query.ghosts",
+    "GhostTable": "query.ghosts",
     "Illumination": "query.illumination",
     "PathRow": "query.tables",
     "PathTable": "query.tables",
@@ -76,6 +77,7 @@ _LAZY = {
     "explain": "query.explanation",
     "from_json": "query.json_form",
     "ghost_matrix": "query.ghosts",
+    "ghost_table": "query.ghosts",
     "illuminated": "query.illumination",
     "parse": "query.grammar",
     "path_table": "query.tables",
@@ -97,6 +99,7 @@ __all__ = [
     "Event",
     "Explanation",
     "GhostMatrix",
+    "GhostTable",
     "Illumination",
     "PathRow",
     "PathTable",
@@ -121,6 +124,7 @@ __all__ = [
     "flux",
     "from_json",
     "ghost_matrix",
+    "ghost_table",
     "hit",
     "illuminated",
     "incidence",

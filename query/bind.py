@@ -126,8 +126,12 @@ class Binder:
         """Faces whose surface passes all tests on one side; None without tests."""
         if not tests:
             return None
-        sides = [sides_of(surface.parameters) for surface in self.directory.surfaces]
+        sides = [
+            sides_of(surface.parameters | {"transmits": int(surface.transmits)})
+            for surface in self.directory.surfaces
+        ]
         known = sorted({name for surface in sides for side in surface for name in side})
+        known = known or ["transmits"]
         for test in tests:
             if test.parameter not in known:
                 error = unknown("surface parameter", test.parameter, known)

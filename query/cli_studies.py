@@ -51,28 +51,43 @@ def ghosts(
         str | None, typer.Argument(help="Only ghosts that this one registers.")
     ] = None,
     criterion: Criterion = None,
-    top: Annotated[int, typer.Option(min=1, help="Pairs to show.")] = 20,
+    reflections: Annotated[
+        int, typer.Option(min=1, help="How many ghost reflections each ray has.")
+    ] = 2,
+    top: Annotated[int, typer.Option(min=1, help="Rows to show.")] = 20,
     threads: Threads = None,
     json: Json = False,
     strict: Strict = False,
 ) -> None:
-    """List two-reflection ghosts by the pair of faces that reflect."""
-    from query.ghosts import ghost_matrix
+    """List ghosts by the faces that reflect, mirrors left out, in the order of the light."""
+    from query.ghosts import ghost_table, matrix_of
 
     with opened_map(map, strict) as ray_map:
-        matrix = ghost_matrix(ray_map, detector, criterion, threads=threads)
+        table = ghost_table(ray_map, detector, criterion, reflections=reflections, threads=threads)
         if json:
-            emit_json(matrix.to_json() | {"pairs": matrix.pairs()})
+            matrix = matrix_of(table) if reflections == 2 else None
+            pairs = {} if matrix is None else matrix.to_json() | {"pairs": matrix.pairs()}
+            emit_json(table.to_json() | pairs)
+            return
+        if not len(table):
+            typer.echo(table.nothing())
             return
         from query.terminal import print_rows
 
-        rows = []
-        for row in matrix.pairs(top):
-            first, second = row["labels"]
-            left = {k: v for k, v in row.items() if k not in ("criterion", "labels")}
-            rows.append(left | {"first": first, "second": second})
-        unit = matrix.flux_unit
-        print_rows(rows, f"two-reflection ghosts, {matrix.total:.5g} {unit}", unit)
+        rows = [
+            {_reflection(k): label for k, label in enumerate(row["labels"])}
+            | {k: row[k] for k in ("rays", "flux", "flux_se", "share")}
+            for row in table.rows(top)
+        ]
+        unit = table.flux_unit
+        number = {1: "one", 2: "two"}.get(reflections, str(reflections))
+        print_rows(rows, f"{number}-reflection ghosts, {table.total:.5g} {unit}", unit)
+
+
+def _reflection(number: int) -> str:
+    """The head of the column of a reflection."""
+    names = ("first", "second", "third", "fourth", "fifth")
+    return names[number] if number < len(names) else f"{number + 1}th"
 
 
 def illuminated(

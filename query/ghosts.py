@@ -1,31 +1,124 @@
-"""The ghost matrix: flux by pair of reflecting faces, of two-reflection ghosts."""
+"""Ghosts: flux by the faces at which light was reflected where most of it would have passed."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from query import criteria as c
-from query.builders import as_criterion, count, detected, event, hit
+from query.builders import as_criterion, count, detected, event, hit, parameter
 from query.context import PathContext
 from query.path_sums import sum_over_paths
-from query.scan import Cancel
+from query.scan import Cancel, Scan
 from query.scans import count_of_ray
 from query.tally import Tally, source_factors, sums, variances
+from raymap.errors import CriterionError
 from raymap.events import Event
 
 if TYPE_CHECKING:
     from raymap.reader import RayMap
 
-__all__ = ["GhostMatrix", "ghost_matrix"]
+__all__ = [
+    "ghost_reflections",
+    "GhostMatrix",
+    "GhostTable",
+    "ghost_matrix",
+    "ghost_table",
+    "matrix_of",
+]
 
 Floats = NDArray[np.float64]
 
-_GHOST = (count(hit("*", "specular_reflection")) == 2) & ~event("scattered")
+ghost_reflections = count(hit("*", "specular_reflection") & ~hit(parameter("transmits") == 0))
+"""Specular reflections where light may pass, too: a mirror, and total reflection, do not count."""
+
+
+def _ghosts(reflections: int) -> c.Criterion:
+    return (ghost_reflections == reflections) & ~event("scattered")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class GhostTable:
+    """Ghosts of a number of reflections by the faces that reflect, strongest first.
+
+    Attributes
+    ----------
+    reflections : how many ghost reflections each ray has
+    faces : (n, reflections) names of the faces (or objects without faces), in the light's order
+    labels : the same as they are listed, a cemented face with both its names: "L4.back = L5.front"
+    flux, flux_se, rays : (n,) [flux unit]
+    total : flux of all these ghosts in the selection
+    others : where the table is empty, the rays of the selection that are ghosts of other numbers
+        of reflections, by that number
+    """
+
+    reflections: int
+    faces: tuple[tuple[str, ...], ...]
+    labels: tuple[tuple[str, ...], ...]
+    flux: Floats
+    flux_se: Floats
+    rays: NDArray[np.int64]
+    total: float
+    flux_unit: str
+    others: dict[int, int]
+
+    def __len__(self) -> int:
+        return len(self.faces)
+
+    def rows(self, top: int | None = None) -> list[dict[str, Any]]:
+        """Faces with their ghosts, strongest first."""
+        return [
+            {
+                "faces": list(self.faces[k]),
+                "rays": int(self.rays[k]),
+                "flux": float(self.flux[k]),
+                "flux_se": float(self.flux_se[k]),
+                "share": float(self.flux[k] / self.total),
+                "criterion": self.criterion(k),
+                "labels": list(self.labels[k]),
+            }
+            for k in range(len(self.faces))[:top]
+        ]
+
+    def criterion(self, row: int) -> str:
+        """Selects the ghosts of one row."""
+        return _sequence(self.faces[row])
+
+    def nothing(self) -> str:
+        """The sentence for an empty table: what there is instead."""
+        times = {1: "once", 2: "twice"}.get(self.reflections, f"{self.reflections} times")
+        said = (
+            f"no ghosts: no ray of the selection was reflected exactly {times} at faces that also "
+            "let light pass, and scattered nowhere; mirrors and total reflection do not count"
+        )
+        others = ", ".join(f"{n} (rays: {rays:,})" for n, rays in sorted(self.others.items()))
+        return said + (f"; other numbers of reflections: {others}" if others else "")
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "reflections": self.reflections,
+            "rows": self.rows(),
+            "total": self.total,
+            "flux_unit": self.flux_unit,
+            "others": {str(n): rays for n, rays in sorted(self.others.items())},
+        }
+
+
+def _sequence(faces: tuple[str, ...]) -> str:
+    """The criterion of ghosts that these faces reflect in this order."""
+    from query.names import escape as literal
+    from query.printer import quoted
+
+    def name(face: str) -> str:
+        owner, dot, own = face.rpartition(".")
+        return quoted(literal(owner) + dot + literal(own) if dot else literal(own))
+
+    order = " -> ".join(f"hit({name(face)}, specular_reflection)" for face in faces)
+    return f"{order} & {_ghosts(len(faces))}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,15 +164,7 @@ class GhostMatrix:
 
     def criterion(self, first: int, second: int) -> str:
         """Selects the ghosts of one pair."""
-        from query.names import escape as literal
-        from query.printer import quoted
-
-        def name(place: int) -> str:
-            owner, dot, face = self.faces[place].rpartition(".")
-            return quoted(literal(owner) + dot + literal(face) if dot else literal(face))
-
-        order = f"hit({name(first)}, specular_reflection) -> hit({name(second)}, "
-        return f"{order}specular_reflection) & {_GHOST}"
+        return _sequence((self.faces[first], self.faces[second]))
 
     def to_json(self) -> dict[str, Any]:
         return {
@@ -113,87 +198,163 @@ def ghost_matrix(
 ) -> GhostMatrix:
     """Flux of two-reflection ghosts by the pair of faces that reflect.
 
-    A ghost has exactly two specular reflections and is scattered nowhere.
+    Parameters
+    ----------
+    detector, criterion : as in `ghost_table`
+    """
+    return matrix_of(ghost_table(map, detector, criterion, threads=threads, cancel=cancel))
+
+
+def matrix_of(table: GhostTable) -> GhostMatrix:
+    """Pairs of faces as rows and columns."""
+    labels = {
+        face: label
+        for faces, shown in zip(table.faces, table.labels, strict=True)
+        for face, label in zip(faces, shown, strict=True)
+    }
+    names = sorted(labels)
+    place = {face: k for k, face in enumerate(names)}
+    n = len(names)
+    flux, flux_se, rays = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n), np.int64)
+    for k, (first, second) in enumerate(table.faces):
+        cell = place[first], place[second]
+        flux[cell], flux_se[cell], rays[cell] = table.flux[k], table.flux_se[k], table.rays[k]
+    return GhostMatrix(
+        faces=tuple(names),
+        labels=tuple(labels[name] for name in names),
+        flux=flux,
+        flux_se=flux_se,
+        rays=rays,
+        total=table.total,
+        flux_unit=table.flux_unit,
+    )
+
+
+def ghost_table(
+    map: RayMap,
+    detector: str | None = None,
+    criterion: object = None,
+    *,
+    reflections: int = 2,
+    threads: int | None = None,
+    cancel: Cancel = None,
+) -> GhostTable:
+    """Flux of ghosts by the faces that reflect, in the light's order.
+
+    A ghost of n reflections has exactly n specular reflections at faces that also let light pass,
+    and is scattered nowhere. Reflections at mirrors, which always reflect, do not count.
 
     Parameters
     ----------
     detector : only ghosts that it registers; a detector's name or pattern
     criterion : only rays that satisfy this, too
+    reflections : n, at least 1
+
+    Raises
+    ------
+    CriterionError
+        for a number of reflections below 1.
     """
-    parts: list[c.Criterion] = [_GHOST]
-    if detector is not None:
-        parts.append(detected(detector))
+    if reflections < 1:
+        raise CriterionError(f"a ghost has 1 or more reflections, not {reflections}")
+    asked: list[c.Criterion] = [] if detector is None else [detected(detector)]
     own = as_criterion(criterion)
     if own is not None:
-        parts.append(own)
-    whole = parts[0] if len(parts) == 1 else c.And(tuple(parts))
-    n_faces = len(map.directory.faces.names)
-    n_places = n_faces + len(map.directory.objects)
-    products, _, scan = sum_over_paths(
-        map,
-        whole,
-        lambda base, tally: _reflecting(base, tally, n_faces, n_places),
-        threads=threads,
-        cancel=cancel,
-    )
-    codes = np.concatenate([code for code, _ in products]) if products else np.zeros(0, np.int64)
-    different, inverse = np.unique(codes, return_inverse=True)
-    tallies = [Tally.zeros(0), *(tally for _, tally in products)]
+        asked.append(own)
+
+    def among(which: c.Criterion) -> tuple[list[_Product], Scan]:
+        products, _, scan = sum_over_paths(
+            map,
+            c.And((which, *asked)) if asked else which,
+            lambda base, tally: _reflecting(base, tally, counted, n_faces, reflections),
+            threads=threads,
+            cancel=cancel,
+        )
+        return products, scan
+
+    faces = map.directory.faces
+    n_faces = len(faces.names)
+    passing = np.array([*(surface.transmits for surface in map.directory.surfaces), True])
+    counted = np.append(passing[faces.surface], True)
+    products, scan = among(_ghosts(reflections))
+    chains = np.concatenate([p.chains for p in products] or [np.zeros((0, 1 + reflections))])
+    others: dict[int, int] = {}
+    if len(chains) == 0:
+        for product in among((ghost_reflections >= 1) & ~event("scattered"))[0]:
+            for number, rays in product.rays_by_reflections.items():
+                others[number] = others.get(number, 0) + rays
+    different, inverse = np.unique(chains.astype(np.int64), axis=0, return_inverse=True)
+    tallies = [Tally.zeros(0), *(product.tally for product in products)]
     tally = Tally.of_paths(
-        inverse,
+        inverse.reshape(-1),
         np.concatenate([t.rays for t in tallies]),
         np.concatenate([t.sum_w for t in tallies]),
         np.concatenate([t.sum_w2 for t in tallies]),
         len(different),
     )
-    return _matrix(map, different, tally, scan.emitted, n_places)
+    return _table(map, different, tally, scan.emitted, others)
+
+
+class _Product(NamedTuple):
+    """What some paths with rays bring."""
+
+    chains: NDArray[np.int64]
+    tally: Tally
+    rays_by_reflections: dict[int, int]
 
 
 def _reflecting(
-    base: PathContext, tally: Tally, n_faces: int, n_places: int
-) -> tuple[NDArray[np.int64], Tally]:
-    """Code of (source, first face, second face) of every path with rays, and its sums."""
-    mirror = (base.event & int(Event.SPECULAR_REFLECTION)) != 0
-    mirror &= base.object >= 0
-    mirror[base.offsets[:-1]] = False
-    twice = (count_of_ray(mirror, base.offsets) == 2) & (tally.rays > 0)
-    rows = np.flatnonzero(mirror & np.repeat(twice, base.lengths)).reshape(-1, 2)
+    base: PathContext, tally: Tally, counted: NDArray[np.bool_], n_faces: int, reflections: int
+) -> _Product:
+    """Source and reflecting places of each path with so many reflections, and its sums."""
+    ghostly = (base.event & int(Event.SPECULAR_REFLECTION)) != 0
+    ghostly &= (base.object >= 0) & counted[base.face]
+    ghostly[base.offsets[:-1]] = False
+    number = count_of_ray(ghostly, base.offsets)
+    rays_of = np.bincount(number, tally.rays).astype(np.int64)
+    found = {k: rays for k, rays in enumerate(rays_of.tolist()) if k and rays}
+    wanted = (number == reflections) & (tally.rays > 0)
+    rows = np.flatnonzero(ghostly & np.repeat(wanted, base.lengths)).reshape(-1, reflections)
     place = np.where(base.face[rows] >= 0, base.face[rows], n_faces + base.object[rows])
-    chosen = np.flatnonzero(twice)
-    source = base.source[chosen].astype(np.int64)
-    code = (source * n_places + place[:, 0]) * n_places + place[:, 1]
-    return code, Tally(tally.rays[chosen], tally.sum_w[chosen], tally.sum_w2[chosen])
+    chosen = np.flatnonzero(wanted)
+    chains = np.column_stack((base.source[chosen].astype(np.int64), place))
+    mine = Tally(tally.rays[chosen], tally.sum_w[chosen], tally.sum_w2[chosen])
+    return _Product(chains, mine, found)
 
 
-def _matrix(
+def _table(
     map: RayMap,
-    codes: NDArray[np.int64],
+    chains: NDArray[np.int64],
     tally: Tally,
     emitted: NDArray[np.int64],
-    n_places: int,
-) -> GhostMatrix:
+    others: dict[int, int],
+) -> GhostTable:
     directory = map.directory
     names = (*directory.faces.names, *(item.name for item in directory.objects))
-    source, pair = codes // n_places**2, codes % n_places**2
-    first, second = pair // n_places, pair % n_places
-    used, place = np.unique(np.concatenate((first, second)), return_inverse=True)
-    n = len(used)
-    cell = place[: len(codes)] * n + place[len(codes) :]
+    source, sequence = chains[:, 0], chains[:, 1:]
+    # The same faces lit by several sources are one row
+    used, row = np.unique(sequence, axis=0, return_inverse=True)
+    row, n = row.reshape(-1), len(used)
     factors = source_factors(directory, emitted)[source]
     sent = emitted[source].astype(np.float64)
-    spread = variances(factors, sent, tally.sum_w, tally.sum_w2)
-    flux: Floats = sums(cell, factors * tally.sum_w, n * n).reshape(n, n)
+    flux: Floats = sums(row, factors * tally.sum_w, n)
+    spread = sums(row, variances(factors, sent, tally.sum_w, tally.sum_w2), n)
+    rays = np.bincount(row, tally.rays, n).astype(np.int64)
     shared = {
         f"{item.name}.{face.name}": " = ".join((f"{item.name}.{face.name}", *face.aliases))
         for item in directory.objects
         for face in item.faces
     }
-    return GhostMatrix(
-        faces=tuple(names[face] for face in used),
-        labels=tuple(shared.get(names[face], names[face]) for face in used),
-        flux=flux,
-        flux_se=np.sqrt(sums(cell, spread, n * n)).reshape(n, n),
-        rays=np.bincount(cell, tally.rays, n * n).astype(np.int64).reshape(n, n),
+    order = np.argsort(-flux, kind="stable")
+    faces = tuple(tuple(names[face] for face in used[k]) for k in order.tolist())
+    return GhostTable(
+        reflections=sequence.shape[1],
+        faces=faces,
+        labels=tuple(tuple(shared.get(face, face) for face in chain) for chain in faces),
+        flux=flux[order],
+        flux_se=np.sqrt(spread[order]),
+        rays=rays[order],
         total=float(flux.sum()),
         flux_unit=directory.flux_unit,
+        others=others,
     )

@@ -65,12 +65,38 @@ class Medium(_Entry):
     parameters: Parameters = {}
 
 
+def _always_one(share: Any) -> bool:
+    """Whether a share is given, and is 1 at every wavelength."""
+    if isinstance(share, dict):
+        share = share.get("rgb", share.get("value"))
+    if isinstance(share, list | tuple):
+        return bool(share) and all(value == 1 for value in share)
+    return bool(share == 1)
+
+
 class Surface(_Entry):
     """Optical properties of faces; numeric ``parameters`` can be asked for in criteria."""
 
     name: Name
     kind: str = ""
     parameters: Parameters = {}
+
+    @property
+    def transmits(self) -> bool:
+        """Whether some light may pass; False where all that is not absorbed turns back.
+
+        The parameter ``transmits`` decides if there is one; else the kind does. A kind that is
+        not known here may transmit.
+        """
+        if "transmits" in self.parameters:
+            return bool(self.parameters["transmits"])
+        if self.kind in ("absorber", "mirror", "rough_mirror", "retroreflector"):
+            return False
+        if self.kind in ("lambertian", "tabulated"):
+            return bool({"transmittance", "transmitted"} & set(self.parameters))
+        if self.kind == "dielectric":
+            return not _always_one(self.parameters.get("reflectance"))
+        return True
 
 
 class Quadric(_Entry):

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from query import select
 from query.builders import as_criterion
 from query.context import PathContext
-from query.ghosts import GhostMatrix
-from query.ghosts import ghost_matrix as query_ghosts
+from query.ghosts import GhostMatrix, matrix_of
+from query.ghosts import ghost_table as query_ghosts
 from query.images import detector_image as query_image
 from query.path_text import PathNames, exact_criterion, path_text
 from query.printer import to_text
@@ -288,7 +288,7 @@ def _recorded_image(ray_map: RayMap, name: str) -> NDArray[np.float64] | None:
     return None if found is None else found[0].sum(axis=2) * per_ray[0]
 
 
-def ghost_matrix(ray_map: RayMap, text: str, *, cancel: Cancel | None = None) -> GhostMatrix | None:
-    """Flux of two-reflection ghosts by the faces that reflect; None if there are none."""
-    matrix = query_ghosts(ray_map, None, text or None, cancel=cancel)
-    return matrix if len(matrix.faces) else None
+def ghost_matrix(ray_map: RayMap, text: str, *, cancel: Cancel | None = None) -> GhostMatrix | str:
+    """Flux of two-reflection ghosts by the faces that reflect; if there are none, a sentence."""
+    table = query_ghosts(ray_map, None, text or None, cancel=cancel)
+    return matrix_of(table) if len(table) else table.nothing()

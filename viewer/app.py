@@ -60,6 +60,7 @@ class Application(SceneActions, ResultActions):
                 "count_compare": ">=", "count_value": 2, "save_name": "",
                 "path_table": [], "paths_note": "", "paths_message": "", "paths_by": "face",
                 "ghosts_only": False, "sort": "flux", "checked_paths": [], "ghost_matrix": "",
+                "ghost_note": "", "ghost_reason": "",
                 "many_sources": len(directory.sources) > 1,
                 "detectors": [entry.name for entry in directory.detectors], "shape": "rect",
                 "detector_cells": None, "image_selected": "", "image_full": "", "image_low": "",

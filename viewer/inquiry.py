@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from query.builders import event
+from query.ghosts import ghost_reflections
 from raymap.cells import cell_measure
 from raymap.errors import RayMapError
 from viewer.answers import (
@@ -50,8 +52,8 @@ __all__ = ["GHOSTS", "Inquiry", "criterion_error"]
 Cancel = Callable[[], bool]
 Image = NDArray[np.float64]
 
-GHOSTS = 'count(hit("*", reflected)) >= 2 & !event(scattered)'
-"""What the table calls ghosts: at least two mirror-like reflections on the way."""
+GHOSTS = str((ghost_reflections >= 2) & ~event("scattered"))
+"""What the table calls ghosts: at least two reflections where light may pass, too."""
 
 TOP = 60
 """Rows of the path table on the page."""
@@ -188,15 +190,22 @@ class Inquiry:
     def ghosts(self, cancel: Cancel) -> dict[str, Any]:
         """The matrix of pairs of reflecting faces in the selection."""
         found = ghost_matrix(self.session.map, self.session.state.criterion, cancel=cancel)
-        if found is None or cancel():
-            return {"ghost_matrix": ""}
+        if cancel():
+            return {"ghost_matrix": "", "ghost_note": "", "ghost_reason": ""}
+        if isinstance(found, str):
+            return {
+                "ghost_matrix": "",
+                "ghost_note": "no ghosts of two reflections",
+                "ghost_reason": found,
+            }
         # Only faces that reflect first make rows, only faces that reflect second make columns
         first = np.flatnonzero(found.flux.any(axis=1))
         second = np.flatnonzero(found.flux.any(axis=0))
         self.pairs = [[found.criterion(int(a), int(b)) for b in second] for a in first]
         rows, columns = ([found.faces[k] for k in places] for places in (first, second))
         values = found.flux[np.ix_(first, second)]
-        return {"ghost_matrix": heat_map(rows, columns, values, unit=found.flux_unit)}
+        picture = heat_map(rows, columns, values, unit=found.flux_unit)
+        return {"ghost_matrix": picture, "ghost_note": "", "ghost_reason": ""}
 
     # -- detector ------------------------------------------------------------------------------
 

@@ -121,7 +121,8 @@ class Interpreter:
         surface = self.directory.objects[owner].faces[here.face - first].surface
         if surface < 0:
             return False
-        parameters = self.directory.surfaces[surface].parameters
+        entry = self.directory.surfaces[surface]
+        parameters = entry.parameters | {"transmits": int(entry.transmits)}
         common = {k: v for k, v in parameters.items() if not isinstance(v, dict)}
         sides = [common] + [common | v for v in parameters.values() if isinstance(v, dict)]
         return any(

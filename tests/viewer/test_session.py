@@ -95,9 +95,15 @@ def test_the_ghost_matrix_leads_to_its_rays(session: Session) -> None:
     assert "svg" in inquiry.ghosts(never)["ghost_matrix"]
     [[criterion]] = inquiry.pairs
     found = ghost_matrix(session.map, 'detected("sensor")')
-    assert found is not None
+    assert not isinstance(found, str)
     assert count_rays(session.map, criterion).flux == pytest.approx(found.flux.sum())
-    assert ghost_matrix(session.map, 'hit("tube")') is None
+    nothing = ghost_matrix(session.map, 'hit("tube")')
+    assert isinstance(nothing, str)
+    assert "no ghosts: no ray of the selection was reflected exactly twice" in nothing
+    session.update(criterion='hit("tube")')
+    said = inquiry.ghosts(never)
+    assert (said["ghost_matrix"], said["ghost_reason"]) == ("", nothing)
+    assert said["ghost_note"] == "no ghosts of two reflections"
 
 
 def test_detector_images_hold_the_flux(small_map: raymap.RayMap) -> None:
