@@ -277,13 +277,14 @@ def ghost_table(
     passing = np.array([*(surface.transmits for surface in map.directory.surfaces), True])
     counted = np.append(passing[faces.surface], True)
     products, scan = among(_ghosts(reflections))
-    chains = np.concatenate([p.chains for p in products] or [np.zeros((0, 1 + reflections))])
+    none = np.zeros((0, 1 + reflections), np.int64)
+    chains = np.concatenate([none, *(product.chains for product in products)])
     others: dict[int, int] = {}
     if len(chains) == 0:
         for product in among((ghost_reflections >= 1) & ~event("scattered"))[0]:
             for number, rays in product.rays_by_reflections.items():
                 others[number] = others.get(number, 0) + rays
-    different, inverse = np.unique(chains.astype(np.int64), axis=0, return_inverse=True)
+    different, inverse = np.unique(chains, axis=0, return_inverse=True)
     tallies = [Tally.zeros(0), *(product.tally for product in products)]
     tally = Tally.of_paths(
         inverse.reshape(-1),
