@@ -38,7 +38,7 @@ ghost_reflections = count(hit("*", "specular_reflection") & ~hit(parameter("tran
 
 
 def _ghosts(reflections: int) -> c.Criterion:
-    return (ghost_reflections == reflections) & ~event("scattered")
+    return c.And((c.Compare(ghost_reflections, "==", reflections), ~event("scattered")))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
