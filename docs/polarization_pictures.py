@@ -60,7 +60,7 @@ def newton_picture() -> None:
     side = np.linspace(-2.6, 2.6, 401)
     away = np.hypot(*np.meshgrid(side, side))
     rings = np.interp(away, r, flux, right=0.0) / flux.max()
-    yellow = channel_display_rgb([589.3])[0]
+    yellow = channel_display_rgb([589.3], gamut=True)[0]
     picture = encode_srgb(rings[..., None] * yellow / yellow.max())
     picture[away > r[-1]] = 1.0
     save_figure(plot_rings(r, flux, picture), IMAGES / "newton_rings.png")

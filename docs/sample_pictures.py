@@ -22,6 +22,7 @@ from PIL import Image
 import query
 import raymap
 from query.ghosts import ghost_matrix
+from raymap.photometry import displayed
 from tracer import load_scene, record
 from viewer import ViewState, picture
 from viewer.state import Camera, Section
@@ -192,8 +193,7 @@ def prism(folder: Path) -> None:
             state=ViewState(camera=camera, opacity=0.4),
         )
         figure, ax = dark_figure(4.4, 5.6)
-        colors = np.clip(np.array(found.channel_sets[0].display_rgb), 0.0, None).T
-        colors = colors.reshape(len(wavelengths), 3) if colors.shape[0] != 3 else colors.T
+        colors = displayed(found.channel_sets[0], np.eye(len(wavelengths)))
         colors = (colors / colors.max(axis=1, keepdims=True)) ** (1 / 2.2)
         for k, spot in spots.items():
             counts, edges = np.histogram(spot, bins=240, range=(-12, 12))

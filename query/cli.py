@@ -218,13 +218,14 @@ def image(
     ],
     criterion: Criterion = None,
     kind: Annotated[
-        str,
+        str | None,
         typer.Option(
             help="Colours (rgb, spectral), flux, flux_se or rays of each cell; density, "
-            "density_se: flux per area, solid angle or étendue, also by its name: irradiance, "
-            "intensity, radiance, or luminous: illuminance, candela, luminance."
+            "density_se: flux per area, solid angle or étendue in the unit of the map; by watt "
+            "irradiance, intensity, radiance, by lumen illuminance, candela, luminance. Left out: "
+            "colours, in .csv flux, density and channels, in .ies candela."
         ),
-    ] = "rgb",
+    ] = None,
     layer: Annotated[
         list[str] | None,
         typer.Option(help="NAME=CRITERION: one more picture, made in the same pass; repeatable."),
@@ -241,7 +242,7 @@ def image(
     from query.image_files import KINDS, write_image
     from query.images import detector_images
 
-    if kind not in KINDS:
+    if kind is not None and kind not in KINDS:
         raise typer.BadParameter(f"--kind is one of {', '.join(KINDS)}")
     targets = {"": output}
     for text in layer or ():
@@ -258,7 +259,7 @@ def image(
             ray_map, detector, layers, bin=bin, threads=threads, progress=progress_line(json)
         )
         written = [
-            _written(write_image(picture, targets[name], kind, zoom=bin), picture)
+            _written(write_image(picture, targets[name], kind, zoom=bin), picture, kind)
             for name, picture in pictures.items()
         ]
         if json:
@@ -288,22 +289,29 @@ def _speckle(picture: Any, bin: int) -> str:
     )
 
 
-def _written(path: Path, picture: Any) -> dict[str, Any]:
-    """What a picture holds, in numbers."""
+def _written(path: Path, picture: Any, kind: str | None) -> dict[str, Any]:
+    """What a picture holds, in numbers: in the unit of its kind, else in that of the map."""
+    from query.image_files import QUANTITIES
     from raymap.cells import is_pinhole
 
-    known = picture.measure is not None
+    name, unit, peak = picture.density_name, picture.density_unit, None
+    flux_unit = picture.flux_unit
+    if kind in QUANTITIES:
+        values, _, unit = picture.quantity(kind)
+        name, peak, flux_unit = kind, float(values.max()), "W" if unit.startswith("W") else "lm"
+    elif picture.measure is not None:
+        peak = float(picture.density().max())
     return {
         "output": str(path),
         "detector": picture.detector.name,
         "cells": list(picture.detector.cells),
-        "flux": picture.total,
-        "flux_unit": picture.flux_unit,
+        "flux": float(picture.flux_in(flux_unit).sum()),
+        "flux_unit": flux_unit,
         "registrations": int(picture.rays.sum()),
         "grain": picture.grain,
         "summed_while_tracing": is_pinhole(picture.detector),
-        "quantity": picture.density_name,
-        "peak": float(picture.density().max()) if known else None,
-        "peak_unit": picture.density_unit,
+        "quantity": name,
+        "peak": peak,
+        "peak_unit": unit,
         "cell_area_m2": picture.cell_area_m2,
     }

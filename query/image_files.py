@@ -17,10 +17,9 @@ from raymap.replacing import replacing
 
 __all__ = ["KINDS", "png_bytes", "png_html", "write_image"]
 
-KINDS = (
-    "rgb", "flux", "flux_se", "rays", "density", "density_se", "irradiance", "illuminance",
-    "intensity", "candela", "radiance", "luminance", "spectral",
-)  # fmt: skip
+QUANTITIES = ("irradiance", "illuminance", "intensity", "candela", "radiance", "luminance")
+"""Flux per area, solid angle or étendue, in watt and in lumen."""
+KINDS = ("rgb", "flux", "flux_se", "rays", "density", "density_se", *QUANTITIES, "spectral")
 _SUFFIXES = (".png", ".tif", ".tiff", ".exr", ".csv", ".npy", ".ies")
 
 
@@ -80,9 +79,8 @@ def unit_of(image: DetectorImage, kind: str) -> str:
         return "rays"
     if kind in ("rgb", "flux", "flux_se", "spectral"):
         return f"{image.flux_unit} per cell"
-    luminous = kind in ("illuminance", "candela", "luminance")
-    if luminous and image.measure is not None:
-        return image.measure.density_unit("lm")
+    if kind in QUANTITIES:
+        return image.quantity(kind)[2]
     return image.density_unit or ""
 
 
@@ -98,24 +96,25 @@ def _pixels(image: DetectorImage, kind: str) -> NDArray[Any]:
 
 
 def write_image(
-    image: DetectorImage, path: str | Path, kind: str = "rgb", *, zoom: int = 1
+    image: DetectorImage, path: str | Path, kind: str | None = None, *, zoom: int = 1
 ) -> Path:
-    """Write a picture; the suffix chooses the format.
+    """Write a picture; the suffix chooses the format, ``kind`` what it holds.
 
     ``.png``: sRGB or 16-bit grey scaled to its largest value. ``.tiff``: float32 in physical units
     (package tifffile). ``.exr``: float32 in physical units, R, G, B or named channels. ``.csv``: a
-    row per cell with place, flux, errors and channels, whatever the kind. ``.npy``: float64 in
-    physical units, row 0 at the bottom as cells count. ``.ies``: the candela of a far field as a
-    luminaire, whatever the kind.
+    row per cell with its place, the values and their errors. ``.npy``: float64 in physical units,
+    row 0 at the bottom as cells count. ``.ies``: the candela of a far field as a luminaire.
 
     Parameters
     ----------
+    kind : one of `KINDS`; by default colours, in a ``.csv`` flux, density and channels beside each
+        other, in an ``.ies`` candela
     zoom : pixels of a ``.png`` along either side of a cell
 
     Raises
     ------
     RayMapError
-        unknown kind or suffix.
+        unknown kind or suffix, or a kind that the format does not hold.
     MissingExtra
         a TIFF without the package tifffile.
     """
@@ -125,6 +124,18 @@ def write_image(
         raise RayMapError(f"pictures end in {', '.join(_SUFFIXES)}, not {target.name!r}")
     if not target.parent.is_dir():
         raise RayMapError(f"there is no folder {target.parent} to write {target.name} into")
+    if kind is not None and kind not in KINDS:
+        raise RayMapError(f"pictures are of kind {', '.join(KINDS)}, not {kind!r}")
+    if suffix == ".ies" and kind not in (None, "candela"):
+        raise RayMapError(
+            f"an .ies file holds candela, not {kind}; leave the kind out, or write .csv, .exr, "
+            ".tiff or .npy"
+        )
+    if suffix == ".csv":
+        with replacing(target) as beside:
+            _write_csv(beside, image, kind)
+        return target
+    kind = kind or "rgb"
     with replacing(target) as beside:
         if suffix == ".png":
             pixels = _pixels(image, kind).repeat(zoom, axis=0).repeat(zoom, axis=1)
@@ -138,8 +149,6 @@ def write_image(
             from query.ies_file import write_ies
 
             write_ies(image, beside)
-        elif suffix == ".csv":
-            _write_csv(beside, image)
         else:
             _write_tiff(beside, image, kind)
     return target
@@ -179,8 +188,29 @@ def _write_exr(path: Path, image: DetectorImage, kind: str) -> None:
     write_exr(path, channels, text=text)
 
 
-def _write_csv(path: Path, image: DetectorImage) -> None:
-    """A row per cell, lowest row first: place of its middle, sums and errors."""
+def _write_csv(path: Path, image: DetectorImage, kind: str | None) -> None:
+    """A row per cell, lowest row first: place of its middle, values and errors."""
+    table = _places(image) | (_everything(image) if kind is None else _one_kind(image, kind))
+    with path.open("w", encoding="utf-8") as file:
+        file.write(",".join(table) + "\n")
+        columns = [_cells_of(np.asarray(values)) for values in table.values()]
+        for row in zip(*columns, strict=True):
+            file.write(",".join(row) + "\n")
+
+
+def _cells_of(values: NDArray[Any]) -> list[str]:
+    """Numbers as text: those of a column of real numbers with a point or an exponent.
+
+    Readers take the type of a column from its first rows, where much may be 0.
+    """
+    if values.dtype.kind in "iub":
+        return [str(value) for value in values.tolist()]
+    texts = [f"{value:.9g}" for value in values.tolist()]
+    return [text if set(text) & set(".en") else text + ".0" for text in texts]
+
+
+def _places(image: DetectorImage) -> dict[str, NDArray[Any]]:
+    """Column and row of each cell, and where its middle lies."""
     detector = image.detector
     rows, columns = (index.ravel() for index in np.indices(image.flux.shape))
     u = (columns + 0.5) / detector.cells[0]
@@ -194,16 +224,43 @@ def _write_csv(path: Path, image: DetectorImage) -> None:
             f"u [{unit}]": (u - 0.5) * detector.size[0],
             f"v [{unit}]": (v - 0.5) * detector.size[1],
         }
-    table: dict[str, NDArray[Any]] = {"column": columns, "row": rows, **places}
-    table[f"flux [{image.flux_unit}]"] = image.flux.ravel()
-    table[f"flux_se [{image.flux_unit}]"] = image.flux_se.ravel()
-    table["rays"] = image.rays.ravel()
+    return {"column": columns, "row": rows, **places}
+
+
+def _everything(image: DetectorImage) -> dict[str, NDArray[Any]]:
+    """Flux, rays, density and channels, in the unit of the map."""
+    table: dict[str, NDArray[Any]] = {
+        f"flux [{image.flux_unit}]": image.flux.ravel(),
+        f"flux_se [{image.flux_unit}]": image.flux_se.ravel(),
+        "rays": image.rays.ravel(),
+    }
     if image.measure is not None:
         table[f"{image.density_name} [{image.density_unit}]"] = image.density().ravel()
         table[f"{image.density_name}_se [{image.density_unit}]"] = image.density_se.ravel()
-    for k, label in enumerate(image.channel_set.labels[: image.channels.shape[2]]):
-        table[f"{label} [{image.flux_unit}]"] = image.channels[:, :, k].ravel()
-    with path.open("w", encoding="utf-8") as file:
-        file.write(",".join(table) + "\n")
-        for row in zip(*(column.tolist() for column in table.values()), strict=True):
-            file.write(",".join(f"{value:.9g}" for value in row) + "\n")
+    return table | _channels(image)
+
+
+def _channels(image: DetectorImage) -> dict[str, NDArray[Any]]:
+    labels = image.channel_set.labels[: image.channels.shape[2]]
+    return {
+        f"{label} [{image.flux_unit}]": image.channels[:, :, k].ravel()
+        for k, label in enumerate(labels)
+    }
+
+
+def _one_kind(image: DetectorImage, kind: str) -> dict[str, NDArray[Any]]:
+    """The values asked for, beside them their errors where these are known."""
+    if kind == "spectral":
+        return _channels(image)
+    unit = unit_of(image, kind)
+    if kind == "rgb":
+        colors = image.linear_rgb
+        return {f"{name} [{unit}]": colors[:, :, k].ravel() for k, name in enumerate("RGB")}
+    if kind == "rays":
+        return {"rays": image.rays.ravel()}
+    table = {f"{kind} [{unit}]": values_of(image, kind).ravel()}
+    if kind in QUANTITIES:
+        table[f"{kind}_se [{unit}]"] = image.quantity(kind)[1].ravel()
+    elif kind in ("flux", "density"):
+        table[f"{kind}_se [{unit}]"] = values_of(image, f"{kind}_se").ravel()
+    return table

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +17,12 @@ from query.scan import Cancel, Progress, Scan
 from query.search import Found
 from query.second_try import asked_again
 from query.selector import bind_all
-from query.tally import source_factors
 from query.tally import sums as weighted_counts
 from raymap.cells import is_pinhole
 from raymap.directory import Detector
 from raymap.errors import RayMapError
+from raymap.photometry import Photometry, colors_of_codes
 from raymap.rows import squares_by_emission
-from raymap.schema import COLOR_SCALE
 
 if TYPE_CHECKING:
     from raymap.reader import RayMap
@@ -105,15 +104,18 @@ def detector_images(
         emitted = scan.emitted
         sums, scan = _accumulate(map, nodes, (index, bin), shape, emitted, threads, None, cancel)
     share = 1.0 if scan.complete else float(emitted.sum() / max(int(scan.emitted.sum()), 1))
-    used = {portion.channel_set for portion in map.portions} or {0}
+    used = min({portion.channel_set for portion in map.portions} or {0})
+    light = map.photometry(used)
     return {
         name: DetectorImage(
             detector=seen,
-            channel_set=map.channel_sets[min(used)],
+            channel_set=map.channel_sets[used],
             flux_unit=map.directory.flux_unit,
             length_unit=map.directory.length_unit,
-            channels=sums[number].channels.reshape(shape) * share,
+            channels=light.flux_by_channel(sums[number].amounts.reshape(shape)) * share,
+            amounts=sums[number].amounts.reshape(shape) * share,
             variance=sums[number].squares.reshape(shape[:2]) * share**2,
+            other_variance=sums[number].other_squares.reshape(shape[:2]) * share**2,
             rays=sums[number].rays.reshape(shape[:2]),
             complete=scan.complete,
         )
@@ -139,21 +141,25 @@ def _accumulate(
             everywhere,
             np.zeros((n_cells, shape[2])),
             np.zeros(n_cells),
+            np.zeros(n_cells),
             np.zeros(n_cells, np.int64),
         )
         for _ in nodes
     ]
-    factors = source_factors(map.directory, emitted)
     width = shape[1]
 
     def visit(found: Found) -> list[_Cells | None]:
-        return [_cells(found, number, detector, width, factors) for number in range(len(nodes))]
+        light = map.photometry(found.portion.channel_set)
+        return [
+            _cells(found, number, detector, width, light, emitted) for number in range(len(nodes))
+        ]
 
     def take(_: int, product: list[_Cells | None]) -> None:
         for total, cells in zip(sums, product, strict=True):
             if cells is not None:
-                total.channels[cells.cell] += cells.channels
+                total.amounts[cells.cell] += cells.amounts
                 total.squares[cells.cell] += cells.squares
+                total.other_squares[cells.cell] += cells.other_squares
                 total.rays[cells.cell] += cells.rays
 
     scan = Scan(
@@ -165,46 +171,63 @@ def _accumulate(
 
 @dataclass(frozen=True, eq=False)
 class _Cells:
-    """Sums of one portion over the cells that were met: cell numbers and their sums."""
+    """Sums of one portion over the cells that were met: cell numbers and their sums.
+
+    ``amounts`` [W] by channel, squares of flux in the unit of the map and in the other one.
+    """
 
     cell: NDArray[np.int64]
-    channels: Floats
+    amounts: Floats
     squares: Floats
+    other_squares: Floats
     rays: NDArray[np.int64]
 
 
 def _cells(
-    found: Found, number: int, detector: tuple[int, int], width: int, factors: Floats
+    found: Found,
+    number: int,
+    detector: tuple[int, int],
+    width: int,
+    light: Photometry,
+    emitted: NDArray[np.int64],
 ) -> _Cells | None:
-    """Flux of the matching rays per cell, in worker threads."""
+    """Light of the matching rays per cell, in worker threads."""
     rays, descriptors = registrations(found, number, detector[0])
     if not len(rays):
         return None
     portion = found.portion
     place = portion.column("cell")[descriptors].astype(np.int64) // detector[1]
-    flux = factors[found.paths.base.source[found.paths.of_ray[rays]]]
+    source = found.paths.base.source[found.paths.of_ray[rays]]
+    watt = light.radiant_factors(emitted)[source]
     if portion.has_weights:
-        flux = flux * portion.column("weight")[rays]
+        watt = watt * portion.column("weight")[rays]
     # The record whose segment met the detector has the colour.
     first = portion.column("first_descriptor")
     counts = portion.column("descriptor_count")
     met = np.flatnonzero(counts)
     record = met[np.searchsorted(first[met], descriptors, side="right") - 1]
     code = portion.column("color_code")[record]
-    n_channels = found.channel_sets[portion.channel_set].n_channels
-    own = np.eye(n_channels) * COLOR_SCALE
-    colors = np.concatenate((own, portion.color_table())) / COLOR_SCALE
+    amounts = light.amounts(colors_of_codes(portion.color_table(), len(light.efficacy)))
     cell, inverse = np.unique(place[:, 1] * width + place[:, 0], return_inverse=True)
-    sums = np.empty((len(cell), n_channels))
-    for channel in range(n_channels):
-        sums[:, channel] = np.bincount(inverse, flux * colors[code, channel], len(cell))
-    # Add up what one emission brings to a cell before it is squared
+    sums = np.empty((len(cell), amounts.shape[1]))
+    for channel in range(amounts.shape[1]):
+        sums[:, channel] = np.bincount(inverse, watt * amounts[code, channel], len(cell))
+    fluxes = {
+        "W": watt * amounts.sum(axis=1)[code],
+        "lm": watt * (amounts @ light.efficacy)[code],
+    }
     emission = portion.column("emission")[rays] if portion.grouped else rays
+    squares = {unit: _squares(inverse, flux, emission, len(cell)) for unit, flux in fluxes.items()}
+    own = squares.pop(light.unit)
+    [other] = squares.values()
+    return _Cells(cell, sums, own, other, np.bincount(inverse, minlength=len(cell)))
+
+
+def _squares(cell: NDArray[np.int64], flux: Floats, emission: NDArray[Any], size: int) -> Floats:
+    """Squares of what each emission brings to a cell, added up."""
     if (np.diff(emission) == 0).any():
-        squares = squares_by_emission(inverse, flux, emission, len(cell))
-    else:
-        squares = weighted_counts(inverse, flux**2, len(cell))
-    return _Cells(cell, sums, squares, np.bincount(inverse, minlength=len(cell)))
+        return squares_by_emission(cell, flux, emission, size)
+    return weighted_counts(cell, flux**2, size)
 
 
 def _detector_index(map: RayMap, name: str) -> int:
@@ -239,17 +262,25 @@ def _from_results(map: RayMap, detector: Detector, bin: int) -> DetectorImage:
     result = map.detector_result(detector.name)
     if result is None:
         raise RayMapError(f"the map holds neither rays nor sums of detector {detector.name!r}")
-    # Sums do not tell sources apart: all rays of such a map carry the same flux.
-    flux = sum(source.flux for source in map.directory.sources)
-    factor = flux / max(int(map.emitted.sum()), 1)
+    light = map.photometry(0)
+    factor = light.result_factor(map.emitted)
     sums, squares = (block_sums(values, bin) for values in result)
+    amounts = sums * factor
+    # Sums do not tell how channels go together: exact where light keeps its colour, else more
+    errors = {
+        "W": np.sqrt(squares).sum(axis=2) * factor,
+        "lm": np.sqrt(squares) @ light.efficacy * factor,
+    }
+    variance = errors.pop(light.unit) ** 2
+    [other] = errors.values()
     return DetectorImage(
         detector=detector,
         channel_set=map.channel_sets[0],
         flux_unit=map.directory.flux_unit,
         length_unit=map.directory.length_unit,
-        channels=sums * factor,
-        # Sums do not tell how channels go together: exact where light keeps its colour, else more
-        variance=np.sqrt(squares).sum(axis=2) ** 2 * factor**2,
+        channels=light.flux_by_channel(amounts),
+        amounts=amounts,
+        variance=variance,
+        other_variance=other**2,
         rays=np.round(sums.sum(axis=2)).astype(np.int64) * (not is_pinhole(detector)),
     )

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from query.binning import block_sums, fitting_blocks
 from raymap.cells import CellMeasure, cell_measure
-from raymap.colorimetry import encode_srgb
+from raymap.colorimetry import encode_srgb, into_gamut, xyz_to_linear_srgb
 from raymap.directory import ChannelSet, Detector
 from raymap.errors import RayMapError
+from raymap.photometry import channel_efficacy, channel_rgb, channel_xyz
 
 __all__ = ["DetectorImage"]
 
@@ -36,10 +37,15 @@ class DetectorImage:
     ----------
     detector, channel_set : of the map
     flux_unit, length_unit : of the map
-    channels : (cells_v, cells_u, n_channels) flux per cell and channel [flux unit]
+    channels : (cells_v, cells_u, n_channels) flux per cell and channel [flux unit]; in a map in
+        lumen what each channel adds to them
     variance : (cells_v, cells_u) squared standard error of the flux of a cell [flux unit²]
     rays : (cells_v, cells_u) int64, registrations
     complete : False if the search was cancelled
+    amounts : (cells_v, cells_u, n_channels) watt per cell and channel; None: follows from
+        ``channels``, where the eye sees all of them
+    other_variance : (cells_v, cells_u) squared standard error of the flux in the other unit, lumen
+        of a map in watt and watt of one in lumen; None: its relative error is that of the flux
     """
 
     detector: Detector
@@ -50,6 +56,8 @@ class DetectorImage:
     variance: Floats
     rays: NDArray[np.int64]
     complete: bool = True
+    amounts: Floats | None = None
+    other_variance: Floats | None = None
 
     @property
     def flux(self) -> Floats:
@@ -103,17 +111,70 @@ class DetectorImage:
             return None
         return float(self.measure.values[0, 0])
 
-    def density(self, *, luminous: bool = False) -> Floats:
-        """(cells_v, cells_u) flux per area, solid angle or étendue; 0 beside a face.
+    @cached_property
+    def watts(self) -> Floats:
+        """(cells_v, cells_u, n_channels) radiant flux per cell and channel [W].
 
-        ``luminous`` weighs the channels of a radiant map with their luminous efficacy.
+        Of light in RGB by 179 lm/W of white.
 
         Raises
         ------
         RayMapError
-            the size of the detector's cells is not known, or the channels' efficacies are not.
+            the channels of the map are not those of its picture
         """
-        return self._per_measure(self._luminous_flux() if luminous else self.flux)
+        if self.amounts is not None:
+            return self.amounts
+        efficacy = self._per_channel(channel_efficacy(self.channel_set))
+        if self.flux_unit == "W":
+            return self.channels
+        watts: Floats = np.divide(
+            self.channels, efficacy, out=np.zeros_like(self.channels), where=efficacy > 0.0
+        )
+        return watts
+
+    def flux_in(self, unit: str) -> Floats:
+        """(cells_v, cells_u) flux per cell in "W" or "lm", whatever the unit of the map."""
+        if unit == self.flux_unit:
+            return self.flux
+        if unit == "W":
+            return np.asarray(self.watts.sum(axis=2))
+        return np.asarray(self.watts @ self._per_channel(channel_efficacy(self.channel_set)))
+
+    def flux_se_in(self, unit: str) -> Floats:
+        """(cells_v, cells_u) standard error of `flux_in`."""
+        if unit == self.flux_unit:
+            return self.flux_se
+        if self.other_variance is not None:
+            return np.sqrt(self.other_variance)
+        share = np.divide(
+            self.flux_se, self.flux, out=np.zeros_like(self.flux), where=self.flux > 0
+        )
+        return share * self.flux_in(unit)
+
+    @property
+    def xyz(self) -> Floats:
+        """(cells_v, cells_u, 3) tristimulus values per cell; Y is the luminous flux [lm]."""
+        return np.asarray(self.watts @ self._per_channel(channel_xyz(self.channel_set)))
+
+    def _per_channel(self, values: Floats) -> Floats:
+        if len(values) != self.channels.shape[2]:
+            raise RayMapError(
+                f"the picture of {self.detector.name!r} has {self.channels.shape[2]} channels, the "
+                f"map describes {len(values)}: they say neither lumens nor colours"
+            )
+        return values
+
+    def density(self, *, luminous: bool = False) -> Floats:
+        """(cells_v, cells_u) flux per area, solid angle or étendue; 0 beside a face.
+
+        ``luminous`` in lumen, whatever the unit of the map; else in that unit.
+
+        Raises
+        ------
+        RayMapError
+            the size of the detector's cells is not known
+        """
+        return self._per_measure(self.flux_in("lm") if luminous else self.flux)
 
     @property
     def density_se(self) -> Floats:
@@ -142,83 +203,86 @@ class DetectorImage:
         result: Floats = np.divide(values, size, out=np.zeros_like(values), where=size > 0.0)
         return result
 
-    def _luminous_flux(self) -> Floats:
-        if self.flux_unit == "lm":
-            return self.flux
-        luminous = np.array(self.channel_set.luminous)
-        if self.channel_set.kind == "rgb":
-            raise RayMapError(
-                "the map is in RGB and in watts: without a spectrum there is no illuminance"
-            )
-        if len(luminous) != self.channels.shape[2]:
-            raise RayMapError(
-                f"no luminous values on {self.detector.name!r}: the channels have no luminous "
-                "efficacy"
-            )
-        result: Floats = self.channels @ luminous
-        return result
+    def quantity(self, name: str) -> tuple[Floats, Floats, str]:
+        """Values, standard errors and unit of a quantity, refused where the cells have another.
 
-    def _quantity(self, quantity: str, *, luminous: bool = False) -> Floats:
-        """`density`, refused where it is not the quantity asked for."""
+        Parameters
+        ----------
+        name : irradiance, intensity, radiance (by watt); illuminance, candela, luminance (by lumen)
+
+        Raises
+        ------
+        RayMapError
+        """
+        quantity, luminous = next(
+            (quantity, names.index(name)) for quantity, names in _NAMES.items() if name in names
+        )
         if self.measure is not None and self.measure.quantity != quantity:
-            has, wanted = _NAMES[self.measure.quantity][luminous], _NAMES[quantity][luminous]
+            has = _NAMES[self.measure.quantity][luminous]
             raise RayMapError(
                 f"detector {self.detector.name!r} is of kind {self.detector.kind}: it has no "
-                f"{wanted}; ask for its {has}"
+                f"{name}; ask for its {has}"
             )
-        return self.density(luminous=luminous)
+        unit = "lm" if luminous else "W"
+        values, errors = (self._per_measure(v) for v in (self.flux_in(unit), self.flux_se_in(unit)))
+        assert self.measure is not None
+        return values, errors, self.measure.density_unit(unit)
 
     @property
     def irradiance(self) -> Floats:
-        """(cells_v, cells_u) flux per area [W/m² or lx], of planes and faces.
+        """(cells_v, cells_u) radiant flux per area [W/m²], of planes and faces.
 
         Raises
         ------
         RayMapError
             the detector's cells have no area.
         """
-        return self._quantity("area")
+        return self.quantity("irradiance")[0]
 
     @property
     def illuminance(self) -> Floats:
-        """(cells_v, cells_u) [lx]: channels weighed with their luminous efficacy where in watts."""
-        return self._quantity("area", luminous=True)
+        """(cells_v, cells_u) luminous flux per area [lx], of planes and faces."""
+        return self.quantity("illuminance")[0]
 
     @property
     def intensity(self) -> Floats:
-        """(cells_v, cells_u) flux per solid angle [W/sr or cd], of far fields."""
-        return self._quantity("solid_angle")
+        """(cells_v, cells_u) radiant intensity [W/sr], of far fields."""
+        return self.quantity("intensity")[0]
 
     @property
     def candela(self) -> Floats:
         """(cells_v, cells_u) luminous intensity [cd], of far fields."""
-        return self._quantity("solid_angle", luminous=True)
+        return self.quantity("candela")[0]
 
     @property
     def radiance(self) -> Floats:
-        """(cells_v, cells_u) flux per étendue [W/(m² sr) or cd/m²], of cameras."""
-        return self._quantity("etendue")
+        """(cells_v, cells_u) radiance [W/(m² sr)], of cameras."""
+        return self.quantity("radiance")[0]
 
     @property
     def luminance(self) -> Floats:
         """(cells_v, cells_u) luminance [cd/m²], of cameras."""
-        return self._quantity("etendue", luminous=True)
+        return self.quantity("luminance")[0]
 
     @property
     def linear_rgb(self) -> Floats:
-        """(cells_v, cells_u, 3) linear sRGB in units of flux; spectra through the CIE observer."""
-        matrix = np.array(self.channel_set.display_rgb, np.float64).reshape(-1, 3)
-        if len(matrix) != self.channels.shape[2]:
-            raise RayMapError("the channels of this map have no display colours")
-        rgb: Floats = self.channels @ matrix
-        return rgb
+        """(cells_v, cells_u, 3) linear sRGB; spectra through the CIE observer.
+
+        In a map in lumen the luminance of a cell's colour is its flux [lm]; in a map in watt red,
+        green and blue of an RGB trace, and a common scale for spectra (`raymap.photometry`). Parts
+        are negative where light lies outside the gamut.
+        """
+        if self.flux_unit == "lm":
+            return xyz_to_linear_srgb(self.xyz)
+        return np.asarray(self.watts @ self._per_channel(channel_rgb(self.channel_set)))
 
     def srgb(self, exposure: float | None = None, percentile: float = 99.9) -> NDArray[np.uint8]:
         """(cells_v, cells_u, 3) 8-bit sRGB; the brightest cells (``percentile``) become white.
 
-        ``exposure`` multiplies the linear picture instead.
+        Colours outside the gamut get white of their own luminance. ``exposure`` multiplies the
+        linear picture instead.
         """
-        linear = np.maximum(self.linear_rgb, 0.0)
+        linear = into_gamut(self.linear_rgb)
         if exposure is None:
             bright = linear.max(axis=2)
             lit = bright[bright > 0]

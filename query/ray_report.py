@@ -9,6 +9,7 @@ import numpy as np
 from query.recorded import ellipse_of
 from raymap.directory import ChannelSet, Directory
 from raymap.events import Event, event_names
+from raymap.photometry import displayed
 from raymap.portion import Portion
 from raymap.rows import take_rays
 from raymap.schema import COLOR_SCALE, NORMAL_SCALE, UV_SCALE
@@ -170,12 +171,9 @@ def _index(
     return values.pop() if len(values) == 1 else found
 
 
-def _color(shares: list[float], channel_set: ChannelSet) -> list[float] | None:
+def _color(shares: list[float], channel_set: ChannelSet) -> list[float]:
     """Linear sRGB of the light, brightest component 1."""
-    matrix = np.array(channel_set.display_rgb, np.float64).reshape(-1, 3)
-    if len(matrix) != len(shares):
-        return None
-    rgb = np.maximum(np.array(shares) @ matrix, 0.0)
+    rgb = displayed(channel_set, shares)
     top = float(rgb.max())
     return [float(x) for x in (rgb / top if top > 0 else rgb)]
 

@@ -338,8 +338,6 @@ def _csv(path: Path, schema: pa.Schema, rows: Iterator[pa.RecordBatch]) -> int:
     RayMapError
         Rows are nested rays.
     """
-    import pyarrow.csv as pa_csv
-
     if "segments" in schema.names:
         raise RayMapError('CSV has no nested rows: export with rows="segments", or to Parquet')
     sets = json.loads(schema.metadata[b"raymap.channel_sets"])
@@ -355,11 +353,36 @@ def _csv(path: Path, schema: pa.Schema, rows: Iterator[pa.RecordBatch]) -> int:
         [f.with_type(pa.string()) if pa.types.is_dictionary(f.type) else f for f in flat]
     )
     n = 0
-    with pa_csv.CSVWriter(path, flat) as writer:
+    with path.open("wb") as file:
+        file.write((",".join(f'"{name}"' for name in flat.names) + "\n").encode())
         for batch in rows:
-            writer.write_batch(_flattened(batch, flat))
+            if batch.num_rows:
+                file.write(_lines(_flattened(batch, flat)))
             n += batch.num_rows
     return n
+
+
+def _lines(batch: pa.RecordBatch) -> bytes:
+    """Rows of a batch as text, real numbers with a point or an exponent.
+
+    Readers take the type of a column from its first rows, where much may be 0.
+    """
+    import pyarrow.compute as pc
+
+    columns = []
+    for column in batch.columns:
+        if pa.types.is_string(column.type):
+            text = pc.binary_join_element_wise(
+                '"', pc.replace_substring(column, '"', '""'), '"', ""
+            )
+        else:
+            text = pc.cast(column, pa.string())
+        if pa.types.is_floating(column.type):
+            whole = pc.invert(pc.match_substring_regex(text, "[.en]"))
+            text = pc.if_else(whole, pc.binary_join_element_wise(text, ".0", ""), text)
+        columns.append(pc.fill_null(text, ""))
+    lines = pc.binary_join_element_wise(*columns, ",") if len(columns) > 1 else columns[0]
+    return ("\n".join(lines.to_pylist()) + "\n").encode()
 
 
 def _flattened(batch: pa.RecordBatch, flat: pa.Schema) -> pa.RecordBatch:

@@ -103,7 +103,7 @@ def illuminant_a(wavelength_nm: ArrayLike) -> Array:
 
 
 def illuminant_d65(wavelength_nm: ArrayLike) -> Array:
-    """Relative power of CIE standard illuminant D65 (daylight), 100 at 560 nm, 300 .. 780 nm."""
+    """Relative power of CIE standard illuminant D65 (daylight), 100 at 560 nm, 300 .. 830 nm."""
     table = _table("illuminant_d65.csv")
     return np.interp(
         np.asarray(wavelength_nm, np.float64), table[:, 0], table[:, 1], left=0.0, right=0.0
@@ -195,7 +195,7 @@ def into_gamut(rgb: ArrayLike) -> Array:
     return np.asarray(np.maximum(mixed, 0.0))
 
 
-def channel_display_rgb(wavelengths_nm: ArrayLike, *, gamut: bool = True) -> Array:
+def channel_display_rgb(wavelengths_nm: ArrayLike, *, gamut: bool) -> Array:
     """Linear sRGB of one unit of each spectral channel, for pictures.
 
     The scale is common to all channels: equal parts of all of them have the mean luminance 1. With
@@ -204,8 +204,9 @@ def channel_display_rgb(wavelengths_nm: ArrayLike, *, gamut: bool = True) -> Arr
     Parameters
     ----------
     wavelengths_nm : (n,) [nm]
-    gamut : bring each channel into the gamut of sRGB, so that a single wavelength can be drawn;
-        False keeps negative parts, so that sums over channels are exact
+    gamut : bring each channel into the gamut of sRGB, to draw single wavelengths; False keeps
+        negative parts, so that sums over channels are exact: mixed light is summed with these and
+        brought into the gamut afterwards
 
     Returns
     -------

@@ -31,6 +31,7 @@ from raymap.footer import Footer, IndexEntry, find_footer, read_footer, read_mer
 from raymap.layout import CHANNELS, DETECTOR, DIRECTORY, FILE_HEADER_SIZE, PORTION, RUN
 from raymap.paths import MergedPaths
 from raymap.pathstreams import Bounds
+from raymap.photometry import Photometry
 from raymap.portionmeta import PortionMeta
 from raymap.results import read_result
 from raymap.stored import StoredPortion
@@ -250,6 +251,19 @@ class RayMap:
             DamageWarning,
             stacklevel=3,
         )
+
+    @cached_property
+    def _photometry(self) -> dict[int, tuple[ChannelSet, Photometry]]:
+        return {}
+
+    def photometry(self, channel_set: int) -> Photometry:
+        """What light in the channels of a set is worth, in watt, lumen and colour."""
+        chosen = self.channel_sets[channel_set]
+        known = self._photometry.get(channel_set)
+        if known is None or known[0] is not chosen:
+            known = chosen, Photometry(self.directory, chosen)
+            self._photometry[channel_set] = known
+        return known[1]
 
     def find_ray(self, ray_id: int) -> tuple[int, int]:
         """(index of the portion, index of the ray in it).

@@ -12,8 +12,9 @@ import numpy as np
 import pyarrow as pa
 
 from raymap.colorimetry import encode_srgb
+from raymap.directory import ChannelSet
 from raymap.errors import RayMapError
-from raymap.schema import COLOR_SCALE
+from raymap.photometry import colors_of_codes, displayed
 from service.library import Library
 from service.limits import Deadline, Gate
 from service.requests import Request
@@ -142,8 +143,8 @@ class Streams:
                 for portion in found.portions():
                     if gone():
                         return
-                    display = opened.channel_sets[portion.channel_set].display_rgb
-                    yield _lines_of(portion, sources, display)
+                    channel_set = opened.channel_sets[portion.channel_set]
+                    yield _lines_of(portion, sources, channel_set)
 
         return Answer(_LINES, make())
 
@@ -265,7 +266,7 @@ def _flat(row: dict[str, Any]) -> dict[str, Any]:
     return {**row, "peak_u": cell[0], "peak_v": cell[1]}
 
 
-def _lines_of(portion: Any, sources: list[str], display: Any) -> pa.RecordBatch:
+def _lines_of(portion: Any, sources: list[str], channel_set: ChannelSet) -> pa.RecordBatch:
     """Points of every ray, its colour at the end as sRGB of full brightness."""
     offsets = np.zeros(portion.n_rays + 1, np.int32)
     np.cumsum(portion.records_per_ray, out=offsets[1:])
@@ -275,20 +276,16 @@ def _lines_of(portion: Any, sources: list[str], display: Any) -> pa.RecordBatch:
         [
             pa.array(portion.ray_ids),
             pa.array(np.array(sources, object)[portion.source], pa.string()),
-            _fixed(_colors(portion, offsets[1:] - 1, display), _LINES.field("rgb").type),
+            _fixed(_colors(portion, offsets[1:] - 1, channel_set), _LINES.field("rgb").type),
             pa.ListArray.from_arrays(pa.array(offsets), triples),
         ],
         schema=_LINES,
     )
 
 
-def _colors(portion: Any, records: Any, display: Any) -> Any:
+def _colors(portion: Any, records: Any, channel_set: ChannelSet) -> Any:
     """(n, 3) uint8 of the chosen records."""
-    channels = portion.color_table.shape[1]
-    rgb = np.array(display, np.float64).reshape(-1, 3)
-    if len(rgb) != channels:
-        return np.full((len(records), 3), 255, np.uint8)
-    shares = np.concatenate((np.eye(channels), portion.color_table / COLOR_SCALE))
-    linear = np.maximum(shares[portion.color_code[records]] @ rgb, 0.0)
+    shares = colors_of_codes(portion.color_table, channel_set.n_channels)
+    linear = displayed(channel_set, shares)[portion.color_code[records]]
     linear /= np.maximum(linear.max(axis=1, keepdims=True), 1e-12)
     return np.round(encode_srgb(linear) * 255).astype(np.uint8)

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.directory import ChannelSet
-from raymap.schema import COLOR_SCALE
+from raymap.photometry import colors_of_codes, displayed
 from viewer.rays import DrawnRays
 
 if TYPE_CHECKING:
     from raymap.reader import RayMap
 
-__all__ = ["display_colors", "read_rays", "thin"]
+__all__ = ["read_rays", "thin"]
 
 
 def thin(ray_ids: NDArray[np.int64], limit: int) -> NDArray[np.int64]:
@@ -35,15 +35,6 @@ def thin(ray_ids: NDArray[np.int64], limit: int) -> NDArray[np.int64]:
     key = (key ^ (key >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     key ^= key >> np.uint64(31)
     return np.sort(np.argpartition(key, limit)[:limit])
-
-
-def display_colors(channel_set: ChannelSet) -> NDArray[np.float64]:
-    """(n_channels, 3) linear sRGB of one unit of each channel."""
-    if channel_set.display_rgb:
-        return np.array(channel_set.display_rgb, np.float64)
-    if channel_set.kind == "rgb" and channel_set.n_channels == 3:
-        return np.eye(3)
-    return np.ones((channel_set.n_channels, 3))
 
 
 def _indices(channel_set: ChannelSet, n_media: int) -> NDArray[np.float64]:
@@ -85,10 +76,8 @@ def read_rays(
     channel_set = ray_map.channel_sets[portion.channel_set]
     n_channels = channel_set.n_channels
     codes = portion.column("color_code")[records]
-    shares = np.concatenate(
-        (np.eye(n_channels), portion.color_table().astype(np.float64) / COLOR_SCALE)
-    )
-    rgb = (shares @ display_colors(channel_set))[codes]
+    shares = colors_of_codes(portion.color_table(), n_channels)
+    rgb = displayed(channel_set, shares)[codes]
 
     # Index of refraction in the light of the segment
     medium = portion.column("medium")[records]

@@ -293,7 +293,7 @@ def _channel_set(
         return ChannelSet(
             kind="rgb", wavelengths_nm=nm, luminous=RGB_LUMINANCE, display_rgb=rgb, **media
         )
-    display = channel_display_rgb(np.array(nm))
+    display = channel_display_rgb(np.array(nm), gamut=False)
     return ChannelSet(
         kind="spectral",
         wavelengths_nm=nm,

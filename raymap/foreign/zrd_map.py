@@ -177,7 +177,7 @@ class _Survey:
     def channels(self, wavelength_nm: float) -> ChannelSet:
         """One channel."""
         nm = np.array([wavelength_nm])
-        rgb = channel_display_rgb(nm)
+        rgb = channel_display_rgb(nm, gamut=False)
         return ChannelSet(
             kind="spectral",
             wavelengths_nm=(wavelength_nm,),

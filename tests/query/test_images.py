@@ -86,3 +86,50 @@ def test_picture_files(maps: dict[str, Any], tmp_path: Path) -> None:
     with pytest.raises(RayMapError, match="no folder"):
         query.write_image(picture, tmp_path / "missing" / "a.png")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.npy", "a.png", "b.png"]
+
+
+def test_every_format_holds_the_kind_that_was_asked_for(
+    maps: dict[str, Any], tmp_path: Path
+) -> None:
+    picture = query.detector_image(maps["merged"], "screen")
+    for kind in ("flux", "rays", "irradiance", "illuminance", "density", "flux_se"):
+        expected = getattr(picture, kind) if kind != "density" else picture.density()
+        table = read_csv(query.write_image(picture, tmp_path / "a.csv", kind))
+        [name] = [key for key in table if key.split(" ")[0] == kind]
+        np.testing.assert_allclose(table[name], expected.ravel(), rtol=1e-8)
+        query.write_image(picture, tmp_path / "a.npy", kind)
+        np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), expected)
+    assert "illuminance [lx]" in read_csv(
+        query.write_image(picture, tmp_path / "a.csv", "illuminance")
+    )
+    colors = read_csv(query.write_image(picture, tmp_path / "a.csv", "rgb"))
+    np.testing.assert_allclose(
+        colors["G [W per cell]"], picture.linear_rgb[:, :, 1].ravel(), rtol=1e-8
+    )
+    spectral = read_csv(query.write_image(picture, tmp_path / "a.csv", "spectral"))
+    assert [key for key in spectral if "nm" in key] == ["450 nm [W]", "550 nm [W]", "650 nm [W]"]
+    whole = read_csv(query.write_image(picture, tmp_path / "a.csv"))
+    assert {"flux [W]", "rays", "irradiance [W/m²]", "450 nm [W]"} <= set(whole)
+    for suffix in (".csv", ".npy", ".png", ".exr"):
+        with pytest.raises(RayMapError, match="no candela; ask for its illuminance"):
+            query.write_image(picture, tmp_path / f"b{suffix}", "candela")
+    with pytest.raises(RayMapError, match=r"an \.ies file holds candela, not flux"):
+        query.write_image(picture, tmp_path / "b.ies", "flux")
+    assert not list(tmp_path.glob("b.*"))
+
+
+def test_dark_cells_are_numbers_of_their_column(maps: dict[str, Any], tmp_path: Path) -> None:
+    """Polars takes the type of a column from its first rows."""
+    polars = pytest.importorskip("polars")
+    dark = query.detector_image(maps["merged"], "screen", 'source("*") & !source("*")')
+    table = polars.read_csv(query.write_image(dark, tmp_path / "dark.csv"))
+    kinds = {name: str(kind) for name, kind in table.schema.items()}
+    integers = {name for name, kind in kinds.items() if kind.startswith("Int")}
+    assert integers == {"column", "row", "rays"}
+    assert set(kinds.values()) == {"Int64", "Float64"}
+
+
+def read_csv(path: Path) -> dict[str, Any]:
+    names, *rows = path.read_text(encoding="utf-8").splitlines()
+    columns = np.array([[float(cell) for cell in row.split(",")] for row in rows]).T
+    return dict(zip(names.split(","), columns, strict=True))

@@ -82,8 +82,8 @@ def test_gamut_mapping_keeps_luminance_and_what_is_inside(rgb: list[float]) -> N
 def test_channels_of_equal_energy_have_mean_luminance_one() -> None:
     rgb = c.channel_display_rgb(np.linspace(400, 700, 11), gamut=False)
     assert (rgb @ c.linear_srgb_to_xyz(np.eye(3))[:, 1]).mean() == pytest.approx(1.0)
-    assert np.all(c.channel_display_rgb([450, 530, 620]) >= 0)
-    assert c.channel_display_rgb([1064.0]).tolist() == [[0.0, 0.0, 0.0]]
+    assert np.all(c.channel_display_rgb([450, 530, 620], gamut=True) >= 0)
+    assert c.channel_display_rgb([1064.0], gamut=True).tolist() == [[0.0, 0.0, 0.0]]
 
 
 @pytest.mark.peers

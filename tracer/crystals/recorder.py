@@ -308,7 +308,8 @@ def channels_of(scene: CrystalScene, directory: Directory) -> ChannelSet:
         wavelengths_nm=wavelengths,
         luminous=tuple(float(v) for v in np.atleast_1d(luminous_efficacy(np.array(wavelengths)))),
         display_rgb=tuple(
-            (float(r), float(g), float(b)) for r, g, b in channel_display_rgb(np.array(wavelengths))
+            (float(r), float(g), float(b))
+            for r, g, b in channel_display_rgb(np.array(wavelengths), gamut=False)
         ),
         refractive_index=tuple(indices),
         absorption=tuple((0.0,) * len(wavelengths) for _ in directory.media),

@@ -337,8 +337,12 @@ def rgb_spectrum(rgb: ArrayLike) -> SourceSpectrum:
 def _illuminants() -> dict[str, tuple[Array, Array]]:
     text = resources.files("tracer.optics").joinpath("illuminants.csv").read_text(encoding="utf-8")
     rows = list(csv.reader(line for line in text.splitlines() if not line.startswith("#")))
-    table = np.array(rows[1:], np.float64)
-    return {name: (table[:, 0], table[:, k]) for k, name in enumerate(rows[0]) if k > 0}
+    table = np.array([[float(cell or "nan") for cell in row] for row in rows[1:]])
+    found = {}
+    for k, name in enumerate(rows[0][1:], start=1):
+        known = np.isfinite(table[:, k])
+        found[name] = table[known, 0], table[known, k]
+    return found
 
 
 def illuminant_names() -> list[str]:
@@ -348,6 +352,9 @@ def illuminant_names() -> list[str]:
 
 def illuminant(name: str) -> SourceSpectrum:
     """A CIE illuminant: A, D50, D55, D65, D75, E, fluorescent lamps FL…, HP1, LED-…
+
+    All of them over 360 to 830 nm, so that their lumens per watt compare: of lamps, whose tables go
+    from 380 to 780 nm, nothing is known outside, and nothing is assumed.
 
     Raises
     ------

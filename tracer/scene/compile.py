@@ -249,7 +249,7 @@ class _Compiler:
 
         rgb = self.scene.spectrum.kind == "rgb"
         unit = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-        display = unit if rgb else _rows(channel_display_rgb(self.wavelengths))
+        display = unit if rgb else _rows(channel_display_rgb(self.wavelengths, gamut=False))
         luminous = (0.2126, 0.7152, 0.0722) if rgb else tuple(luminous_efficacy(self.wavelengths).tolist())  # fmt: skip # noqa: E501
         return ChannelSet(
             kind=self.scene.spectrum.kind,

@@ -100,7 +100,7 @@ def test_power_outside_the_channels() -> None:
 def test_efficacy_as_channels_carry_it() -> None:
     """With fine channels it is that of the spectrum."""
     light = s.illuminant("D65")
-    fine = light.channel_efficacy(np.arange(381, 780, 2.0))
+    fine = light.channel_efficacy(np.arange(361, 830, 2.0))
     assert fine == pytest.approx(light.luminous_efficacy, rel=2e-3)
     assert s.lines([555.0], [1.0]).channel_efficacy([555.0]) == 683.0
 
@@ -135,3 +135,36 @@ def test_rgb() -> None:
 def test_bad_input_is_refused(build, words: str) -> None:  # type: ignore[no-untyped-def]
     with pytest.raises(SceneError, match=words):
         build()
+
+
+def test_efficacies_of_illuminants_are_over_one_range() -> None:
+    """A by Planck's law, E by its definition, D65 by its published table: 360 to 830 nm, each."""
+    nm = np.arange(360.0, 831.0, 1.0)
+    v = colorimetry.photopic(nm)
+    planck = nm**-5 / np.expm1(1.435e7 / (2848.0 * nm))
+    for name, power in (("A", planck), ("E", np.ones_like(nm))):
+        expected = 683.0 * np.trapezoid(v * power, nm) / np.trapezoid(power, nm)
+        assert s.illuminant(name).luminous_efficacy == pytest.approx(expected, rel=1e-4), name
+    for name in ("A", "E", "D50", "D55", "D65", "D75"):
+        light = s.illuminant(name)
+        assert (light.wavelength_nm[0], light.wavelength_nm[-1]) == (360.0, 830.0), name
+    # ISO/CIE 11664-2, table 1
+    d65 = s.illuminant("D65")
+    for at, power in ((360.0, 46.6383), (780.0, 63.3828), (800.0, 59.4519), (830.0, 60.3125)):
+        assert np.interp(at, d65.wavelength_nm, d65.power_per_nm) == pytest.approx(power, abs=1e-3)
+
+
+@pytest.mark.peers
+@pytest.mark.filterwarnings("ignore")
+def test_daylight_beyond_780_nm_is_that_of_its_definition() -> None:
+    """S₀ + M₁ S₁ + M₂ S₂ of CIE 015, section 4.1.2, with the components of colour-science."""
+    pytest.importorskip("colour")
+    from colour.colorimetry import SDS_BASIS_FUNCTIONS_CIE_ILLUMINANT_D_SERIES as COMPONENTS
+
+    m1, m2 = -0.295, -0.689  # of D65, to three decimals as the standard has them
+    s0, s1, s2 = (COMPONENTS[name] for name in ("S0", "S1", "S2"))
+    light = s.illuminant("D65")
+    seen = (s0.wavelengths >= 360.0) & (s0.wavelengths <= 830.0)
+    own = np.interp(s0.wavelengths[seen], light.wavelength_nm, light.power_per_nm)
+    expected = (s0.values + m1 * s1.values + m2 * s2.values)[seen]
+    np.testing.assert_allclose(own, expected, rtol=2e-3)
