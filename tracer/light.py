@@ -38,7 +38,8 @@ READERS: dict[str, str] = {
     ".sdf": "tracer.ray_files:read",
     ".dat": "tracer.ray_files:read",
 }
-"""Reader by suffix, "module:function": (path: Path) -> IntensityGrid | RayList.
+"""Reader by suffix, "module:function": (path: Path) -> IntensityGrid | RayList; that of ray files
+takes ``flux_from``, too.
 
 A reader raises `SceneError` in one clear line for a file that it cannot use.
 """
@@ -290,11 +291,18 @@ class RayList:
         return _digest(self.positions, self.directions, self.flux, nm, rgb, rest)
 
 
-Reader = Callable[[Path], IntensityGrid | RayList]
+Reader = Callable[..., IntensityGrid | RayList]
 
 
-def read_light(path: Path) -> IntensityGrid | RayList:
+def read_light(
+    path: Path, *, flux_from: Literal["header", "rays"] = "header"
+) -> IntensityGrid | RayList:
     """Read a file of photometry or rays with the reader of its suffix.
+
+    Parameters
+    ----------
+    path : of the file
+    flux_from : what counts where the header of a ray file states another flux than its rays carry
 
     Raises
     ------
@@ -309,8 +317,9 @@ def read_light(path: Path) -> IntensityGrid | RayList:
         raise SceneError(f"there is no file {str(path)!r}; paths start from the scene's folder")
     module, _, function = place.partition(":")
     reader: Reader = getattr(import_module(module), function)
+    options = {} if flux_from == "header" else {"flux_from": flux_from}
     try:
-        return reader(path)
+        return reader(path, **options) if module == "tracer.ray_files" else reader(path)
     except OSError as error:
         raise SceneError(f"{path.name} cannot be read: {error.strerror or error}") from None
 

@@ -10,14 +10,16 @@ from numpy.typing import NDArray
 from raymap import rayfiles
 from raymap.colorimetry import xyz_to_linear_srgb
 from raymap.errors import SceneError
-from raymap.rayfiles import RayFileError, RaySet
+from raymap.rayfiles import FluxFrom, RayFileError, RaySet
 from tracer.light import RayList
 
 __all__ = ["read"]
 
 
-def read(path: Path) -> RayList:
+def read(path: Path, flux_from: FluxFrom = "header") -> RayList:
     """The rays of a TM-25 or Zemax file.
+
+    Where the header states another flux than the rays carry, ``flux_from`` says what counts.
 
     Rays with tristimulus values keep the colour that these look like. Rays that share a spectrum
     get one wavelength each, spread evenly over the spectrum's power, in
@@ -29,7 +31,7 @@ def read(path: Path) -> RayList:
         The file is no sound ray file.
     """
     try:
-        rays = rayfiles.read(path)
+        rays = rayfiles.read(path, flux_from=flux_from)
     except RayFileError as error:
         raise SceneError(str(error)) from None
     return RayList(

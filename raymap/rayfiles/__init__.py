@@ -11,10 +11,11 @@ files, .dat and .sdf). `RaySet` is what they have in common: plain arrays with u
 from __future__ import annotations
 
 from raymap.rayfiles.formats import SUFFIXES, RayFileWriter, create, read, write
-from raymap.rayfiles.rays import RayFileError, RaySet, Spectrum
+from raymap.rayfiles.rays import FluxFrom, RayFileError, RaySet, Spectrum
 
 __all__ = [
     "SUFFIXES",
+    "FluxFrom",
     "RayFileError",
     "RayFileWriter",
     "RaySet",

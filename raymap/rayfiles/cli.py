@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -24,6 +24,10 @@ def check_rays(
             min=1, max=2, help="Version of the header of .dat and .sdf; 1 for old programs."
         ),
     ] = 2,
+    flux_from: Annotated[
+        Literal["header", "rays"],
+        typer.Option(help="What counts where the header states another flux than the rays carry."),
+    ] = "header",
     force: Force = False,
     json: Json = False,
 ) -> None:
@@ -31,7 +35,7 @@ def check_rays(
     from raymap import rayfiles
 
     with warnings_on_stderr():
-        rays = rayfiles.read(file)
+        rays = rayfiles.read(file, flux_from=flux_from)
     if output is not None:
         version: Any = zemax_version
         rayfiles.write(rays, output, force=force, zemax_version=version)

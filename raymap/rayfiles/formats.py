@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal, Protocol
 
 from raymap.rayfiles import tm25, zemax
-from raymap.rayfiles.rays import RayFileError, RaySet
+from raymap.rayfiles.rays import FluxFrom, RayFileError, RaySet
 from raymap.replacing import refuse_existing, replacing
 
 __all__ = ["SUFFIXES", "RayFileWriter", "create", "read", "write"]
@@ -25,8 +25,14 @@ class RayFileWriter(Protocol):
         """Write rays, with the columns and units of the set that the file was created for."""
 
 
-def read(path: str | os.PathLike[str]) -> RaySet:
+def read(path: str | os.PathLike[str], *, flux_from: FluxFrom = "header") -> RaySet:
     """Read a ray file of any known format.
+
+    Parameters
+    ----------
+    path : of the file
+    flux_from : what counts where the header states another flux than its rays carry: the "header"
+        (the rays are scaled to it) or the "rays"
 
     Raises
     ------
@@ -38,8 +44,8 @@ def read(path: str | os.PathLike[str]) -> RaySet:
         with path.open("rb") as file:
             start = file.read(4)
         if start == tm25.MAGIC or path.suffix.lower() == ".tm25ray":
-            return tm25.read(path)
-        return zemax.read(path)
+            return tm25.read(path, flux_from)
+        return zemax.read(path, flux_from)
     except OSError as error:
         raise RayFileError(f"{path} cannot be read: {error.strerror or error}") from None
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import math
+import warnings
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -12,12 +14,14 @@ from numpy.typing import NDArray
 from raymap.errors import RayMapError
 from raymap.units import length_scale
 
-__all__ = ["FluxUnit", "RayFileError", "RaySet", "Spectrum", "checked"]
+__all__ = ["FluxFrom", "FluxUnit", "RayFileError", "RaySet", "Spectrum", "checked", "with_flux_of"]
 
 FluxUnit = Literal["W", "lm"]
+FluxFrom = Literal["header", "rays"]
 Floats = NDArray[np.float32]
 
 _UNIT_TOLERANCE = 1e-3
+_FLUX_TOLERANCE = 0.01
 _ROUNDING = 1e-6
 
 
@@ -165,6 +169,63 @@ def checked(rays: RaySet, name: str) -> RaySet:
         unit = (rays.direction / length[:, None]).astype(np.float32)
         return dataclasses.replace(rays, direction=unit)
     return rays
+
+
+def with_flux_of(rays: RaySet, flux_from: FluxFrom, name: str, *,
+                 stated: float, stated_luminous: float = 0.0) -> RaySet:  # fmt: skip
+    """The rays with the flux that the header states, where it states one, or as they are.
+
+    Programs write the powers of rays relative to one another, LightTools and others 1 each: then
+    the header alone knows the flux. A warning names both where they differ by more than 1 %.
+
+    Parameters
+    ----------
+    rays : as they stand in the file
+    flux_from : "header" or "rays"
+    name : of the file, for messages
+    stated : flux of the header [flux_unit]; nan, 0 or less where it states none
+    stated_luminous : the same of the luminous flux beside a radiant one [lm]
+    """
+    factor = _factor(stated, rays.flux)
+    luminous = 1.0
+    if rays.luminous_flux is not None:
+        luminous = _factor(stated_luminous, rays.luminous_flux, otherwise=factor)
+        factor = _factor(stated, rays.flux, otherwise=luminous)
+    if factor == 1.0 and luminous == 1.0:
+        return rays
+    total = rays.total_flux
+    word = "header" if flux_from == "header" else "rays"
+    other = "" if flux_from == "rays" else '; flux_from = "rays" takes the other'
+    if factor != 1.0:
+        said = f"{total * factor:.6g} {rays.flux_unit}, its rays carry {total:.6g} {rays.flux_unit}"
+    else:
+        beside = float(np.sum(rays.luminous_flux, dtype=np.float64))
+        said = f"{stated_luminous:.6g} lm, its rays carry {beside:.6g} lm"
+    verb = "counts" if word == "header" else "count"
+    warnings.warn(f"{name}: its header states {said}; the {word} {verb}{other}", stacklevel=4)
+    if flux_from == "rays":
+        return rays
+    if rays.luminous_flux is None:
+        luminous = factor
+    return dataclasses.replace(
+        rays,
+        flux=_times(rays.flux, factor),
+        luminous_flux=None if rays.luminous_flux is None else _times(rays.luminous_flux, luminous),
+        tristimulus=None if rays.tristimulus is None else _times(rays.tristimulus, luminous),
+    )
+
+
+def _factor(stated: float, flux: Floats, otherwise: float = 1.0) -> float:
+    """What fluxes are multiplied by to make what is stated, 1 where they do to rounding."""
+    total = float(flux.sum(dtype=np.float64))
+    if not (math.isfinite(stated) and stated > 0.0 and total > 0.0):
+        return otherwise
+    far = abs(stated - total) > _FLUX_TOLERANCE * max(stated, total)
+    return stated / total if far else 1.0
+
+
+def _times(column: Floats, factor: float) -> Floats:
+    return (column.astype(np.float64) * factor).astype(np.float32)
 
 
 def _refuse(bad: NDArray[np.bool_], name: str, what: str) -> None:

@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import math
 import struct
-import warnings
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -29,7 +28,7 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.rayfiles.rays import RayFileError, RaySet, Spectrum, checked
+from raymap.rayfiles.rays import FluxFrom, RayFileError, RaySet, Spectrum, checked, with_flux_of
 
 __all__ = ["TEXTS", "Tm25Writer", "read"]
 
@@ -91,14 +90,18 @@ _FLAG_COLUMNS = (
 )
 
 
-def read(path: Path) -> RaySet:
+def read(path: Path, flux_from: FluxFrom = "header") -> RaySet:
     """Read a TM-25 file.
+
+    Parameters
+    ----------
+    flux_from : what counts where the header states another flux than its rays carry
 
     Raises
     ------
     RayFileError
         It is not a TM-25 file, its header contradicts itself or the length of the file, or its rays
-        are no light. Fluxes of the header that differ from the sum of the rays only warn.
+        are no light.
     """
     size = path.stat().st_size
     with path.open("rb") as file:
@@ -127,7 +130,15 @@ def read(path: Path) -> RaySet:
             )
     table: Floats = np.memmap(path, "<f4", "r", offset=start, shape=(rays, width))
     columns = {name: table[:, place] for place, name in enumerate(names)}
-    return _ray_set(path.name, head, columns, spectra, texts)
+    rays = _ray_set(path.name, head, columns, spectra, texts)
+    radiant = rays.flux_unit == "W"
+    return with_flux_of(
+        rays,
+        flux_from,
+        path.name,
+        stated=head.radiant_flux if radiant else head.luminous_flux,
+        stated_luminous=head.luminous_flux,
+    )
 
 
 _AGAIN = "get it again, or the file is of another version"
@@ -211,7 +222,7 @@ def _ray_set(
                 f"{name}: a ray names a spectral table that is none of the {len(spectra)} there are"
             )
         spectrum = index.astype(np.int32) - 1
-    found = checked(
+    return checked(
         RaySet(
             position=group("x", "y", "z"),
             direction=group("kx", "ky", "kz"),
@@ -229,19 +240,6 @@ def _ray_set(
         ),
         name,
     )
-    stated = head.luminous_flux if radiant is None else head.radiant_flux
-    _compare_total(name, stated, found)
-    return found
-
-
-def _compare_total(name: str, stated: float, rays: RaySet) -> None:
-    total = rays.total_flux
-    if math.isfinite(stated) and stated > 0 and abs(stated - total) > 0.01 * max(stated, total):
-        warnings.warn(
-            f"{name}: its header states {stated:.6g} {rays.flux_unit}, its rays carry "
-            f"{total:.6g} {rays.flux_unit}; the rays count",
-            stacklevel=4,
-        )
 
 
 def _text(raw: bytes, name: str) -> str:

@@ -10,14 +10,17 @@ or eight numbers.
 
 from __future__ import annotations
 
+import codecs
+import re
 import struct
 import warnings
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import BinaryIO, Literal, NamedTuple
 
 import numpy as np
 
-from raymap.rayfiles.rays import FluxUnit, RayFileError, RaySet, checked
+from raymap.rayfiles.rays import FluxFrom, FluxUnit, RayFileError, RaySet, checked, with_flux_of
 
 __all__ = ["IDENTIFIERS", "ZemaxWriter", "is_binary", "read"]
 
@@ -70,8 +73,12 @@ def is_binary(start: bytes) -> bool:
     return len(start) >= 4 and struct.unpack_from("<i", start)[0] in IDENTIFIERS.values()
 
 
-def read(path: Path) -> RaySet:
+def read(path: Path, flux_from: FluxFrom = "header") -> RaySet:
     """Read a source file, binary or text.
+
+    Parameters
+    ----------
+    flux_from : what counts where the header states another flux than its rays carry
 
     Raises
     ------
@@ -80,11 +87,11 @@ def read(path: Path) -> RaySet:
     """
     with path.open("rb") as file:
         if is_binary(file.read(4)):
-            return _read_binary(path)
+            return _read_binary(path, flux_from)
     return _read_text(path)
 
 
-def _read_binary(path: Path) -> RaySet:
+def _read_binary(path: Path, flux_from: FluxFrom) -> RaySet:
     size, name = path.stat().st_size, path.name
     if size < _HEADER.size:
         raise RayFileError(
@@ -118,33 +125,28 @@ def _read_binary(path: Path) -> RaySet:
     known = kind == _FLUX_ONLY and 0.1 <= head.wavelength_um <= 100.0
     single = head.wavelength_um if known else None
     found = _ray_set(table, name, _UNITS[unit], "lm" if flux_type else "W", single)
-    total, stated = found.total_flux, head.ray_set_flux
-    if stated > 0 and abs(stated - total) > 0.01 * max(stated, total):
-        warnings.warn(
-            f"{name}: its header states {stated:.6g} {found.flux_unit}, its rays carry "
-            f"{total:.6g} {found.flux_unit}; the rays count",
-            stacklevel=3,
-        )
+    found = with_flux_of(found, flux_from, name, stated=head.ray_set_flux)
     title = head.description.split(b"\0", 1)[0].decode("latin-1").strip()
     return RaySet(**{**vars(found), "title": title})
 
 
 def _read_text(path: Path) -> RaySet:
     name = path.name
-    try:
-        with path.open(encoding="ascii") as file:
-            first = file.readline(1000).split()
-            rays, unit = int(first[0]), int(first[1])
+    with path.open("rb") as raw:
+        wide = raw.read(2) in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+    with path.open(encoding="utf-16" if wide else "utf-8-sig", errors="replace") as file:
+        lines = _content(file)
+        rays, unit = _first_line(next(lines, ""), name)
+        try:
             with warnings.catch_warnings(action="ignore"):
-                table = np.loadtxt(file, np.float64, comments="!", ndmin=2)
-    except (ValueError, IndexError, UnicodeDecodeError):
-        raise RayFileError(
-            f"{name}: is not a Zemax source file: neither the binary header nor a first line with "
-            "the number of rays and the unit of length (0 m, 1 in, 2 cm, 3 ft, 4 mm), then seven "
-            "or eight numbers a line"
-        ) from None
-    if not 0 <= unit < len(_UNITS):
-        raise RayFileError(f"{name}: unit of length {unit}; units are 0 (m) to 4 (mm)")
+                table = np.loadtxt(lines, np.float64, ndmin=2)
+        except ValueError as error:
+            row = re.search(r"at row (\d+)", str(error))
+            which = f"ray {int(row[1]) + 1}" if row else "a ray"
+            raise RayFileError(
+                f"{name}: {which} is not the seven or eight numbers of the rays before it "
+                f"({str(error).splitlines()[0]})"
+            ) from None
     if table.size and table.shape[1] not in (7, 8):
         raise RayFileError(f"{name}: {table.shape[1]} numbers a line, rays have seven or eight")
     if rays != len(table) or not rays:
@@ -152,6 +154,37 @@ def _read_text(path: Path) -> RaySet:
             f"{name}: its first line promises {rays} rays, the file holds {len(table)}"
         )
     return _ray_set(table.astype(np.float32), name, _UNITS[unit], "W", None)
+
+
+def _first_line(line: str, name: str) -> tuple[int, int]:
+    """Number of rays and place of the unit of length; whole numbers, however they are written."""
+    try:
+        rays, unit = (float(word) for word in line.split()[:2])
+        if not (rays.is_integer() and unit.is_integer() and 0 <= rays <= _MOST_RAYS):
+            raise ValueError
+    except (ValueError, OverflowError):
+        raise RayFileError(
+            f"{name}: is not a Zemax source file: neither the binary header nor a first line with "
+            "the number of rays and the unit of length (0 m, 1 in, 2 cm, 3 ft, 4 mm), then seven "
+            "or eight numbers a line"
+        ) from None
+    if not 0 <= unit < len(_UNITS):
+        raise RayFileError(f"{name}: unit of length {unit:g}; units are 0 (m) to 4 (mm)")
+    return int(rays), int(unit)
+
+
+def _content(text: Iterable[str]) -> Iterator[str]:
+    """Lines with numbers: comments, blank lines and what old systems put behind the text left out.
+
+    Commas between numbers and decimal commas are told apart by the numbers that a line then has.
+    """
+    for raw in text:
+        line = raw.partition("!")[0].strip("\0\x1a \t\r\n\f")
+        if "," in line:
+            decimal = len(line.split()) in (2, 7, 8) and ", " not in line
+            line = line.replace(",", "." if decimal else " ")
+        if line:
+            yield line
 
 
 def _ray_set(

@@ -13,6 +13,7 @@ J. H. Klems, ASHRAE Transactions 100(1), 1065 (1994).
 from __future__ import annotations
 
 import math
+import warnings
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -29,7 +30,12 @@ _LARGEST = 64 * 1024 * 1024
 
 
 def read_bsdf_xml(path: Path, thickness_mm: float, *, error: float) -> list[ScatterTable]:
-    """Front BRDF and BTDF tables of a BSDF XML file with its angle basis written out."""
+    """Front BRDF and BTDF tables of a BSDF XML file with its angle basis written out.
+
+    A table whose light is all in the undeviated or the mirrored beam is that of a clear pane: it
+    holds no scattering and is left out with a warning. Values averaged over the visible are taken
+    before those over the sunlight or the infrared.
+    """
     try:
         raw = path.read_bytes()
     except OSError as failure:
@@ -39,8 +45,9 @@ def read_bsdf_xml(path: Path, thickness_mm: float, *, error: float) -> list[Scat
     if b"<!DOCTYPE" in raw or b"<!ENTITY" in raw:
         raise MeasurementError(f"{path.name}: document types and entities are not accepted")
     try:
-        root = ElementTree.fromstring(raw)
-    except ElementTree.ParseError as failure:
+        # Old systems close a text with Ctrl-Z, some programs with NUL bytes
+        root = ElementTree.fromstring(raw.rstrip(b"\0\x1a \t\r\n"))
+    except (ElementTree.ParseError, ValueError, LookupError) as failure:
         raise MeasurementError(f"{path.name}: not well-formed XML: {failure}") from None
     for element in root.iter():
         element.tag = str(element.tag).rpartition("}")[2]
@@ -50,17 +57,56 @@ def read_bsdf_xml(path: Path, thickness_mm: float, *, error: float) -> list[Scat
     }
     if not bases:
         raise MeasurementError(f"{path.name}: no AngleBasis (tensor trees are not read)")
-    tables: list[ScatterTable] = []
-    for data in root.iter("WavelengthData"):
-        wavelength = _wavelength(data)
+    by_columns = _incident_by_columns(root, path)
+    tables: list[ScatterTable | None] = []
+    for data, wavelength in _spectral_data(root, path):
         for block in data.iter("WavelengthDataBlock"):
             side = _SIDES.get(_text(block, "WavelengthDataDirection", path).strip().lower())
             if side is None:
                 continue
-            tables.append(_table(block, bases, side, wavelength, thickness_mm, error, path))
+            read = _Block(block, bases, side, path, by_columns)
+            tables.append(read.table(wavelength, thickness_mm, error))
     if not tables:
         raise MeasurementError(f"{path.name}: no front transmission or reflection data")
-    return tables
+    scattering = [table for table in tables if table is not None]
+    if len(scattering) < len(tables):
+        warnings.warn(
+            f"{path.name}: {len(tables) - len(scattering)} of {len(tables)} tables show the "
+            "undeviated or mirrored beam alone, as a clear pane does: they hold no scattering and "
+            "are left out",
+            stacklevel=2,
+        )
+    return scattering
+
+
+def _incident_by_columns(root: ElementTree.Element, path: Path) -> bool:
+    """Whether a column of the matrices belongs to one direction of incidence."""
+    said = next(root.iter("IncidentDataStructure"), None)
+    word = (said.text or "").strip().lower() if said is not None else "columns"
+    if word not in ("columns", "rows"):
+        raise MeasurementError(
+            f"{path.name}: data of structure {word!r}; matrices by columns or rows are read"
+        )
+    return word == "columns"
+
+
+def _spectral_data(
+    root: ElementTree.Element, path: Path
+) -> list[tuple[ElementTree.Element, float]]:
+    """Blocks of data with their wavelength [nm], nan for the average over the visible."""
+    found = [(data, *_wavelength(data)) for data in root.iter("WavelengthData")]
+    others = sorted({word for _, _, word in found if word})
+    chosen = [(data, nm) for data, nm, word in found if not word]
+    if others and not chosen:
+        chosen = [(data, nm) for data, nm, word in found if word == others[0]]
+        warnings.warn(
+            f"{path.name}: has no data of the visible; those called {others[0]!r} stand for it",
+            stacklevel=3,
+        )
+        others = others[1:]
+    if others:
+        warnings.warn(f"{path.name}: data called {', '.join(others)} are left out", stacklevel=3)
+    return chosen
 
 
 def _patches(basis: ElementTree.Element, path: Path) -> Array:
@@ -68,58 +114,83 @@ def _patches(basis: ElementTree.Element, path: Path) -> Array:
     patches = []
     for ring in basis.iter("AngleBasisBlock"):
         theta = _number(_text(ring, "Theta", path), path)
-        count = int(_number(_text(ring, "nPhis", path), path))
-        if not 1 <= count <= 10_000:
-            raise MeasurementError(f"{path.name}: nPhis = {count} is out of range")
-        patches += [(theta, 360.0 * k / count) for k in range(count)]
+        if not 0.0 <= theta <= 90.0:
+            raise MeasurementError(f"{path.name}: Theta = {theta:g} is out of range (0 .. 90)")
+        count = _number(_text(ring, "nPhis", path), path)
+        if not (1 <= count <= 10_000 and count.is_integer()):
+            raise MeasurementError(f"{path.name}: nPhis = {count:g} is out of range")
+        patches += [(theta, 360.0 * k / count) for k in range(int(count))]
     return np.array(patches, np.float64).reshape(-1, 2)
 
 
-def _table(
-    block: ElementTree.Element,
-    bases: dict[str, Array],
-    side: str,
-    wavelength_nm: float,
-    thickness_mm: float,
-    error: float,
-    path: Path,
-) -> ScatterTable:
-    columns = bases.get(_text(block, "ColumnAngleBasis", path))
-    rows = bases.get(_text(block, "RowAngleBasis", path))
-    if columns is None or rows is None:
-        raise MeasurementError(f"{path.name}: a data block names an unknown angle basis")
-    cells = _text(block, "ScatteringData", path).replace(",", " ").split()
-    if len(cells) != len(rows) * len(columns):
-        raise MeasurementError(
-            f"{path.name}: {len(cells)} values of {side}, the angle bases need "
-            f"{len(rows)} x {len(columns)}"
+class _Block:
+    """One matrix of values and the patches of its rows and columns."""
+
+    def __init__(
+        self,
+        block: ElementTree.Element,
+        bases: dict[str, Array],
+        side: str,
+        path: Path,
+        by_columns: bool,
+    ) -> None:
+        coming = bases.get(_text(block, "ColumnAngleBasis", path))
+        leaving = bases.get(_text(block, "RowAngleBasis", path))
+        if coming is None or leaving is None:
+            raise MeasurementError(f"{path.name}: a data block names an unknown angle basis")
+        if not by_columns:
+            coming, leaving = leaving, coming
+        cells = _text(block, "ScatteringData", path).replace(",", " ").split()
+        if len(cells) != len(leaving) * len(coming):
+            raise MeasurementError(
+                f"{path.name}: {len(cells)} values of {side}, the angle bases need "
+                f"{len(leaving)} x {len(coming)}"
+            )
+        value = np.array([_number(cell, path) for cell in cells])
+        if np.any(~np.isfinite(value)) or np.any(value < 0.0):
+            raise MeasurementError(
+                f"{path.name}: {side} has values that are negative or not finite"
+            )
+        shape = len(leaving), len(coming)
+        self.value = value.reshape(shape) if by_columns else value.reshape(shape[::-1]).T
+        self.side, self.leaving, self.coming = side, leaving, coming
+
+    def table(self, wavelength_nm: float, thickness_mm: float, error: float) -> ScatterTable | None:
+        """The values above 0; None where they are a beam that goes on straight or is mirrored."""
+        row, column = np.nonzero(self.value > 0.0)
+        coming, leaving = self.coming[column], self.leaving[row]
+        # The undeviated beam has the patch number of its incidence, the specular one lies opposite
+        turned = leaving[:, 1] - coming[:, 1] - (180.0 if self.side == "brdf" else 0.0)
+        same = np.abs(leaving[:, 0] - coming[:, 0]) < 1e-6
+        across = np.abs(np.sin(np.radians(turned))) > 1e-6
+        if not np.any(~same | (across & (leaving[:, 0] > 0.0))):
+            return None
+        return ScatterTable(
+            side=self.side,
+            thickness_mm=thickness_mm,
+            wavelength_nm=np.full(row.size, wavelength_nm),
+            incidence_deg=coming[:, 0],
+            theta_deg=leaving[:, 0],
+            phi_deg=turned % 360.0,
+            value=self.value[row, column],
+            error=np.full(row.size, error),
         )
-    value = np.array([_number(cell, path) for cell in cells]).reshape(len(rows), len(columns))
-    if np.any(~np.isfinite(value)) or np.any(value < 0.0):
-        raise MeasurementError(f"{path.name}: {side} has values that are negative or not finite")
-    leaving, coming = np.meshgrid(np.arange(len(rows)), np.arange(len(columns)), indexing="ij")
-    keep = (value > 0.0).ravel()
-    # The undeviated beam has the patch number of its incidence, the specular one lies opposite
-    turned = rows[leaving, 1] - columns[coming, 1] - (180.0 if side == "brdf" else 0.0)
-    return ScatterTable(
-        side=side,
-        thickness_mm=thickness_mm,
-        wavelength_nm=np.full(int(keep.sum()), wavelength_nm),
-        incidence_deg=columns[coming, 0].ravel()[keep],
-        theta_deg=rows[leaving, 0].ravel()[keep],
-        phi_deg=(turned % 360.0).ravel()[keep],
-        value=value.ravel()[keep],
-        error=np.full(int(keep.sum()), error),
-    )
 
 
-def _wavelength(data: ElementTree.Element) -> float:
-    """Wavelength [nm] where the file names one, nan for "Visible" and the like."""
+def _wavelength(data: ElementTree.Element) -> tuple[float, str]:
+    """Wavelength [nm], nan for the visible; and what a range that is none of both is called."""
     element = data.find("Wavelength")
+    if element is None:
+        return math.nan, ""
+    text = (element.text or "").strip()
     try:
-        return float((element.text or "").strip()) if element is not None else math.nan
+        length = float(text)
     except ValueError:
-        return math.nan
+        visible = text.lower() in ("", "visible", "photopic", "vis")
+        return math.nan, "" if visible else text
+    unit = element.get("unit", "nm").strip().lower()
+    scale = 1000.0 if unit in ("um", "µm", "micron", "microns", "micrometers") else 1.0
+    return length * scale, ""
 
 
 def _text(element: ElementTree.Element, name: str, path: Path) -> str:

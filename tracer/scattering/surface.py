@@ -27,12 +27,17 @@ def surface_tilt(measurement: MaterialMeasurement, fit: MaterialFit) -> TiltDist
     if not incidences:
         return SMOOTH
     incidence = min(incidences)
+    tables = [table for table in tables if np.isclose(table.incidence_deg, incidence).any()]
     theta, phi, surface = [], [], []
     for table in tables:
         rows = np.isclose(table.incidence_deg, incidence)
         for wavelength in np.unique(table.wavelength_nm[rows]):
-            chosen = rows & (table.wavelength_nm == wavelength)
-            nearest = min(fit.common, key=lambda f: abs(f.wavelength_nm - wavelength))
+            if np.isnan(wavelength):
+                # Averaged over the visible, as the fit of averages is
+                chosen, nearest = rows & np.isnan(table.wavelength_nm), fit.average
+            else:
+                chosen = rows & (table.wavelength_nm == wavelength)
+                nearest = min(fit.common, key=lambda f: abs(f.wavelength_nm - wavelength))
             polar, at_polar = np.unique(table.theta_deg[chosen], return_inverse=True)
             turn, at_turn = np.unique(table.phi_deg[chosen], return_inverse=True)
             smooth = plate_bsdf(nearest.medium, table.thickness_mm, incidence, polar, turn).brdf

@@ -122,7 +122,7 @@ _KEYS: dict[str, tuple[str, ...]] = {
     "ring": ("diameter", "inner_diameter", "tilt_deg", "cone_deg"),
     "picture": ("size", "file", "cone_deg"),
     "intensity": ("intensity", "file", "light", "diameter", "size"),
-    "rays": ("file", "light", "draw", "scale"),
+    "rays": ("file", "light", "draw", "scale", "flux_from"),
 }
 _COMMON = {
     "kind", "on", "flux", "flux_unit", "share", "spectrum", "inside", "position", "axis",
@@ -143,7 +143,8 @@ class SourceModel(Placed):
     picture : rectangle that emits as a picture ``file`` shows, Lambertian
     intensity : a table of intensities (``intensity``, ``file`` or ``light``), from a point, or
         evenly from a disc or rectangle
-    rays : a list of rays (``file`` or ``light``), drawn by their flux or emitted ``in_order``
+    rays : a list of rays (``file`` or ``light``), drawn by their flux or emitted ``in_order``;
+        ``flux_from`` says what counts where a file's header states another flux than its rays
 
     ``inside`` names the solids in which the source stands, from the outside in: at most seven
     (four in scenes of more than 510 solids).
@@ -176,6 +177,7 @@ class SourceModel(Placed):
     intensity: IntensityTable | None = None
     light: IntensityGrid | RayList | None = None
     draw: Literal["flux", "in_order"] = "flux"
+    flux_from: Literal["header", "rays"] = "header"
     scale: Positive | None = None
     polarisation: Vector | None = None
 
@@ -185,6 +187,8 @@ class SourceModel(Placed):
         given: dict[str, Any] = handler(self)
         if given.get("polarisation", 0) is None:
             del given["polarisation"]
+        if given.get("flux_from") == "header":
+            del given["flux_from"]
         if len(self.inside) < 2 and "inside" in given:
             given["inside"] = self.inside[0] if self.inside else None
         return given
@@ -254,7 +258,7 @@ class SourceModel(Placed):
             if self.intensity is not None:
                 light: IntensityGrid | RayList = self.intensity.build("intensity")
             elif self.file is not None:
-                light = read_light(Path(folder) / self.file)
+                light = read_light(Path(folder) / self.file, flux_from=self.flux_from)
             else:
                 assert self.light is not None
                 light = self.light

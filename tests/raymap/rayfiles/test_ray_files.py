@@ -296,15 +296,95 @@ def test_texts_that_are_no_ray_files(tmp_path: Path, text: str) -> None:
         rayfiles.read(path)
 
 
-def test_a_total_that_differs_only_warns(tmp_path: Path) -> None:
-    raw = rayfiles.write(some_rays(), tmp_path / "a.tm25ray").read_bytes()
-    (tmp_path / "b.tm25ray").write_bytes(patched(raw, 16, "<f", 1.0))
+@pytest.mark.parametrize(("name", "at"), [("b.tm25ray", 16), ("b.sdf", 112)])
+def test_the_flux_is_that_of_the_header(tmp_path: Path, name: str, at: int) -> None:
+    """LightTools writes powers relative to one another; the header alone states the flux."""
+    rays = some_rays()
+    raw = rayfiles.write(rays, tmp_path / f"a{name[1:]}").read_bytes()
+    path = tmp_path / name
+    path.write_bytes(patched(raw, at, "<f", 1.0))
+    with pytest.warns(UserWarning, match="states 1 W, its rays carry .* the header counts"):
+        found = rayfiles.read(path)
+    assert found.total_flux == pytest.approx(1.0)
+    np.testing.assert_allclose(found.flux * rays.total_flux, rays.flux, rtol=1e-6)
     with pytest.warns(UserWarning, match="the rays count"):
-        rayfiles.read(tmp_path / "b.tm25ray")
-    raw = rayfiles.write(some_rays(), tmp_path / "a.sdf").read_bytes()
-    (tmp_path / "b.sdf").write_bytes(patched(raw, 112, "<f", 1.0))
-    with pytest.warns(UserWarning, match="the rays count"):
-        rayfiles.read(tmp_path / "b.sdf")
+        assert rayfiles.read(path, flux_from="rays").total_flux == pytest.approx(rays.total_flux)
+    # A header that states nothing, or what the rays carry to rounding, changes nothing
+    for stated in (float("nan"), 0.0, -1.0, rays.total_flux * 1.001):
+        path.write_bytes(patched(raw, at, "<f", stated))
+        assert np.array_equal(rayfiles.read(path).flux, rays.flux)
+
+
+def test_relative_powers_of_1000_rays(tmp_path: Path) -> None:
+    rays = some_rays(1000, flux_unit="lm")
+    rays = RaySet(**{**vars(rays), "flux": np.ones(1000, np.float32)})
+    xyz = np.ones((1000, 3), np.float32)
+    rays = RaySet(**{**vars(rays), "tristimulus": xyz})
+    raw = rayfiles.write(rays, tmp_path / "a.tm25ray").read_bytes()
+    path = tmp_path / "b.tm25ray"
+    path.write_bytes(patched(raw, 12, "<f", 1.0))
+    with pytest.warns(UserWarning, match="the header counts"):
+        found = rayfiles.read(path)
+    assert found.total_flux == pytest.approx(1.0)
+    assert found.tristimulus is not None
+    np.testing.assert_allclose(found.tristimulus, 1e-3, rtol=1e-6)
+
+
+def test_luminous_flux_beside_radiant(tmp_path: Path) -> None:
+    """Each column has its own total; one total alone tells the scale of both."""
+    rays = some_rays()
+    both = RaySet(**{**vars(rays), "luminous_flux": 300 * rays.flux})
+    raw = rayfiles.write(both, tmp_path / "a.tm25ray").read_bytes()
+    path = tmp_path / "b.tm25ray"
+    for lumen, watt, wanted in (
+        (1000.0, 5.0, (1000.0, 5.0)),
+        (float("nan"), rays.total_flux / 10, (30 * rays.total_flux, rays.total_flux / 10)),
+        (30 * rays.total_flux, float("nan"), (30 * rays.total_flux, rays.total_flux / 10)),
+    ):
+        path.write_bytes(patched(patched(raw, 12, "<f", lumen), 16, "<f", watt))
+        with pytest.warns(UserWarning, match="the header counts"):
+            found = rayfiles.read(path)
+        assert found.luminous_flux is not None
+        total = float(found.luminous_flux.sum(dtype=np.float64))
+        assert (total, found.total_flux) == pytest.approx(wanted)
+
+
+@pytest.mark.parametrize("first", ["3 4", "3.0 4.0", "3.000000E+00 4", "3.0, 4", " 3   4 extra"])
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+@pytest.mark.parametrize("behind", ["", "\x1a", "\n\x1a\0\0"])
+@pytest.mark.parametrize("encoding", ["ascii", "utf-8-sig", "utf-16"])
+def test_texts_as_programs_write_them(
+    tmp_path: Path, first: str, end: str, behind: str, encoding: str
+) -> None:
+    ray = "0.5 -1.25 2 0 0.6 0.8 1.5"
+    lines = ["! made by hand", first, ray, "", ray.replace(" ", "\t"), ray + " ! the last"]
+    path = tmp_path / "rays.dat"
+    path.write_bytes((end.join(lines) + behind).encode(encoding))
+    rays = rayfiles.read(path)
+    assert (len(rays), rays.length_unit) == (3, "mm")
+    np.testing.assert_array_equal(rays.position, np.tile(np.float32([0.5, -1.25, 2]), (3, 1)))
+    assert rays.total_flux == pytest.approx(4.5)
+
+
+@pytest.mark.parametrize("ray", ["0,5 -1,25 2,0 0 0,6 0,8 1,5", "0.5, -1.25, 2, 0, 0.6, 0.8, 1.5",
+                                 "0.5,-1.25,2,0,0.6,0.8,1.5"])  # fmt: skip
+def test_commas(tmp_path: Path, ray: str) -> None:
+    path = tmp_path / "rays.dat"
+    path.write_text(f"2 4\n{ray}\n{ray}\n")
+    rays = rayfiles.read(path)
+    np.testing.assert_array_equal(rays.position[1], np.float32([0.5, -1.25, 2]))
+    assert rays.total_flux == pytest.approx(3.0)
+
+
+def test_the_ray_that_is_no_ray_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "rays.dat"
+    path.write_text("3 4\n0 0 1 0 0 1 1\n0 0 x 0 0 1 1\n0 0 1 0 0 1 1\n")
+    with pytest.raises(RayFileError, match=r"rays\.dat: ray 2 is not"):
+        rayfiles.read(path)
+    for first in ("3.5 4", "-3 4", "nan 4", "3 4.5", "1e40 4", "inf 4"):
+        path.write_text(f"{first}\n0 0 1 0 0 1 1\n")
+        with pytest.raises(RayFileError, match="is not a Zemax source file"):
+            rayfiles.read(path)
 
 
 @given(place=st.integers(0, 36288 + 1399), value=st.integers(0, 255))

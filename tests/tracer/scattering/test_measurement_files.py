@@ -149,3 +149,77 @@ def test_bsdf_xml_file(tmp_path: Path) -> None:
         path.write_text(broken)
         with pytest.raises(MeasurementError, match=message):
             read_bsdf_xml(path, 2.05, error=0.1)
+
+
+def klems(value: np.ndarray, *, side: str = "Reflection Front", name: str = "Visible",
+          structure: str = "Columns") -> str:  # fmt: skip
+    """Two rings: the normal, and 40 degrees at azimuths 0 and 180."""
+    text = BSDF.replace("Transmission Front", side).replace("Visible", name)
+    text = text.replace(
+        "<DataDefinition>",
+        f"<DataDefinition><IncidentDataStructure>{structure}</IncidentDataStructure>",
+    )
+    cells = ", ".join(f"{cell:g}" for cell in value.ravel())
+    start, end = text.index("<ScatteringData>") + 16, text.index("</ScatteringData>")
+    return text[:start] + cells + text[end:]
+
+
+@pytest.mark.parametrize("side", ["Transmission Front", "Reflection Front"])
+def test_a_clear_pane_holds_no_scattering(tmp_path: Path, side: str) -> None:
+    path = tmp_path / "clear.xml"
+    for value in (np.diag([34.3, 36.5, 36.5]), np.zeros((3, 3))):
+        path.write_text(klems(value, side=side))
+        with pytest.warns(UserWarning, match="undeviated or mirrored beam alone"):
+            assert read_bsdf_xml(path, 3.0, error=0.1) == []
+    # The mirrored beam may be numbered by its azimuth, too
+    path.write_text(klems(np.array([[9, 0, 0], [0, 0, 9], [0, 9, 0.0]])))
+    with pytest.warns(UserWarning, match="undeviated or mirrored beam alone"):
+        assert read_bsdf_xml(path, 3.0, error=0.1) == []
+
+
+def test_rows_of_incidence_are_columns_of_the_other_kind(tmp_path: Path) -> None:
+    value = np.array([[0.26, 0.2, 0.2], [0.1, 0.3, 0.05], [0.15, 0.1, 0.3]])
+    tables = []
+    for structure, cells in (("Columns", value), ("Rows", value.T)):
+        path = tmp_path / "sample.xml"
+        path.write_text(klems(cells, side="Transmission Front", structure=structure))
+        tables += read_bsdf_xml(path, 2.0, error=0.1)
+    one, other = (
+        sorted(zip(t.incidence_deg, t.theta_deg, t.phi_deg, t.value, strict=True)) for t in tables
+    )
+    assert one == other
+    path.write_text(klems(value, structure="TensorTree3"))
+    with pytest.raises(MeasurementError, match="structure 'tensortree3'"):
+        read_bsdf_xml(path, 2.0, error=0.1)
+
+
+def test_ranges_other_than_the_visible_are_named(tmp_path: Path) -> None:
+    value = np.full((3, 3), 0.2)
+    path = tmp_path / "sample.xml"
+    both = klems(value).replace("</Layer>", klems(2 * value, name="Solar").partition(
+        "</DataDefinition>")[2].partition("</Layer>")[0] + "</Layer>")  # fmt: skip
+    path.write_text(both)
+    with pytest.warns(UserWarning, match="Solar are left out"):
+        (table,) = read_bsdf_xml(path, 2.0, error=0.1)
+    np.testing.assert_array_equal(table.value, 0.2)
+    path.write_text(klems(value, name="Solar"))
+    with pytest.warns(UserWarning, match="'Solar' stand for it"):
+        read_bsdf_xml(path, 2.0, error=0.1)
+
+
+def test_a_brdf_over_the_visible_tilts_faces(tmp_path: Path) -> None:
+    """Tables averaged over the visible are compared with the fit of averages."""
+    from types import SimpleNamespace
+
+    from tracer.scattering.medium import ScatteringMedium
+    from tracer.scattering.surface import surface_tilt
+
+    path = tmp_path / "sample.xml"
+    path.write_text(klems(np.full((3, 3), 0.5)))
+    tables = read_bsdf_xml(path, 2.0, error=0.1)
+    medium = ScatteringMedium(
+        index=1.5, mean_free_path_mm=5.0, absorption_per_mm=0.01, g=0.5, gamma=5.0
+    )
+    fit = SimpleNamespace(average=SimpleNamespace(medium=medium), common=())
+    measurement = SimpleNamespace(scatter=tables, index=1.5)
+    assert np.isfinite(surface_tilt(measurement, fit).rms_slope)  # type: ignore[arg-type]
