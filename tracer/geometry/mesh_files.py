@@ -119,8 +119,12 @@ def _read(
             "STL, OBJ, PLY, glTF and GLB are understood"
         ) from error
     vertices, triangles, groups, colors = [], [], [], []
+    nodes = list(scene.graph.nodes_geometry)
+    # trimesh calls by the name of the file what has none of its own
+    made_up = {file.name, "geometry_0", ""}
+    made_up |= {file.stem} if file.suffix.lower() in (".stl", ".ply") else set()
     first = 0
-    for node in scene.graph.nodes_geometry:
+    for node in nodes:
         transform, geometry_name = scene.graph[node]
         geometry = scene.geometry[geometry_name]
         if not hasattr(geometry, "faces"):
@@ -129,7 +133,7 @@ def _read(
         placed.apply_transform(transform)
         vertices.append(np.asarray(placed.vertices, np.float64))
         triangles.append(np.asarray(placed.faces, np.int64) + first)
-        groups += [_face_name(str(node), file)] * len(placed.faces)
+        groups += ["surface" if str(node) in made_up else str(node)] * len(placed.faces)
         colors.append(_colors(placed))
         first += len(placed.vertices)
     if not vertices:
@@ -141,11 +145,6 @@ def _read(
         groups,
         np.concatenate(painted) if len(painted) == len(colors) else None,
     )
-
-
-def _face_name(node: str, file: Path) -> str:
-    """Name of a face after a node of the file; files without names give "surface"."""
-    return "surface" if node in (file.name, file.stem, "geometry_0", "") else node
 
 
 def _colors(geometry: Any) -> NDArray[np.uint8] | None:

@@ -94,8 +94,14 @@ def _ring_bounds(centers: list[Array], radii: list[float], axis: Array) -> Bound
     return _padded(low, high)
 
 
-def _revolve(origin: Array, axis: Array, profile: list[tuple[float, float]]) -> Mesh:
-    """Mesh of a profile of (radius, height) turned about an axis."""
+def _revolve(
+    origin: Array, axis: Array, profile: list[tuple[float, float]], side: float = 1.0
+) -> Mesh:
+    """Mesh of a profile of (radius, height) turned about an axis.
+
+    Its triangles are wound about normals that point away from the axis where the profile rises, and
+    the other way for ``side`` -1, so that cavities are bounded from within.
+    """
     u, v, w = frame_of(axis)
     angles = np.linspace(0.0, 2.0 * math.pi, _SEGMENTS, endpoint=False)
     circle = np.cos(angles)[:, None] * u + np.sin(angles)[:, None] * v
@@ -106,7 +112,8 @@ def _revolve(origin: Array, axis: Array, profile: list[tuple[float, float]]) -> 
             a = ring * _SEGMENTS + k
             b = ring * _SEGMENTS + (k + 1) % _SEGMENTS
             triangles += [(a, b, b + _SEGMENTS), (a, b + _SEGMENTS, a + _SEGMENTS)]
-    return np.concatenate(rings), np.array(triangles, np.int32)
+    corners = np.array(triangles, np.int32)
+    return np.concatenate(rings), corners if side > 0.0 else corners[:, ::-1]
 
 
 def _solve_axis(direction: Array) -> int:
@@ -278,7 +285,7 @@ class SphereCap:
         stop = math.acos(max(-1.0, 1.0 - self.sag / self.radius))
         angles = np.linspace(0.0, stop, _RINGS + 1)
         profile = [(self.radius * math.sin(a), self.radius * (1.0 - math.cos(a))) for a in angles]
-        return _revolve(self.vertex, self.axis, profile)
+        return _revolve(self.vertex, self.axis, profile, self.side)
 
 
 @dataclass(frozen=True, eq=False)
@@ -309,7 +316,7 @@ class Cylinder:
 
     def mesh(self) -> Mesh:
         profile = [(self.radius, self.low), (self.radius, self.high)]
-        return _revolve(self.origin, self.axis, profile)
+        return _revolve(self.origin, self.axis, profile, self.side)
 
 
 @dataclass(frozen=True, eq=False)
@@ -347,7 +354,7 @@ class Frustum:
             (self.radius + self.slope * self.low, self.low),
             (self.radius + self.slope * self.high, self.high),
         ]
-        return _revolve(self.origin, self.axis, profile)
+        return _revolve(self.origin, self.axis, profile, self.side)
 
 
 def sag_at(r: float, curvature: float, conic: float, aspheric: Sequence[float] = ()) -> float:
@@ -413,7 +420,8 @@ class Conic:
 
     def mesh(self) -> Mesh:
         radii = self._rings()
-        return _revolve(self.vertex, self.axis, [(float(r), self.sag(float(r))) for r in radii])
+        profile = [(float(r), self.sag(float(r))) for r in radii]
+        return _revolve(self.vertex, self.axis, profile, self.side)
 
     def _rings(self) -> Array:
         """Radii of the rings to draw: closer where the profile turns, more if it turns a lot."""

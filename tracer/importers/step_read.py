@@ -29,6 +29,9 @@ _WIDEST_GAP = 1e-2
 _MADE_UP = re.compile(r"=>\[|NAUO\d*$|^\s*$|Open CASCADE|^\d+$|^NONE$", re.IGNORECASE)
 """Names that programs put where the user gave none."""
 
+_OF_SHAPES = re.compile(r"^(COMPOUND|COMPSOLID|SOLID|SHELL|FACE|WIRE|EDGE|VERTEX)$")
+"""Names that OpenCASCADE gives to shapes for which the file has no product."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CadFace:
@@ -83,6 +86,7 @@ class _StepFile:
     def __init__(self, path: Path) -> None:
         self.origin = path.name
         self.loose = 0
+        self.products: set[str] | None = None
         caf, application = occt("STEPCAFControl"), occt("XCAFApp").XCAFApp_Application
         format_name = occt("TCollection").TCollection_ExtendedString("BinXCAF")
         self.document = occt("TDocStd").TDocStd_Document(format_name)
@@ -141,11 +145,12 @@ class _StepFile:
         """Name, colour and located shape of every solid."""
         location = occt("TopLoc").TopLoc_Location()
         for label in self._roots():
-            yield from self._walk(label, location, "", "")
+            yield from self._walk(label, location, "", "", "")
 
     def _walk(
-        self, label: Any, place: Any, name: str, color: str
+        self, label: Any, place: Any, name: str, color: str, above: str
     ) -> Iterator[tuple[str, str, Any]]:
+        """Solids below a label; ``above`` is the name of the assembly that it is part of."""
         tool = occt("XCAFDoc").XCAFDoc_ShapeTool
         name = name or self._name(label)
         color = color or self._label_color(label)
@@ -153,12 +158,15 @@ class _StepFile:
             place = place.Multiplied(tool.GetLocation_s(label))
             referred = occt("TDF").TDF_Label()
             tool.GetReferredShape_s(label, referred)
-            yield from self._walk(referred, place, name, color)
+            yield from self._walk(referred, place, name, color, above)
         elif tool.IsAssembly_s(label):
             for child in _children(label):
                 if tool.IsComponent_s(child):
-                    yield from self._walk(child, place, "", color)
+                    yield from self._walk(child, place, "", color, name or above)
         else:
+            if not name and _OF_SHAPES.match(self._label_text(label)):
+                # A part with curves or points beside its solid: OpenCASCADE makes an assembly of it
+                name = above
             shape = self._shape(label)
             solids = list(explore(shape, "TopAbs_SOLID"))
             in_solids = sum(1 for solid in solids for _ in explore(solid, "TopAbs_FACE"))
@@ -168,15 +176,36 @@ class _StepFile:
                 yield own or name, self._shape_color(solid) or color, solid.Moved(place)
 
     def _name(self, label: Any) -> str:
-        """The name that a label carries, "" where it is none of the user's."""
+        """The name that a label carries, "" where it is none of the user's.
+
+        A part may be called by a number, or SOLID: then the file has a product of this name.
+        """
+        name = self._label_text(label)
+        part = not occt("XCAFDoc").XCAFDoc_ShapeTool.IsReference_s(label)
+        if name.isdigit() or _OF_SHAPES.match(name):
+            return name if part and name in self._products() else ""
+        return "" if _MADE_UP.search(name) else name
+
+    def _label_text(self, label: Any) -> str:
         iterator = occt("TDF").TDF_AttributeIterator(label, True)
         while iterator.More():
             attribute = iterator.Value()
             if type(attribute).__name__ == "TDataStd_Name":
-                name = str(attribute.Get().ToExtString())
-                return "" if _MADE_UP.search(name) else name
+                return str(attribute.Get().ToExtString()).strip()
             iterator.Next()
         return ""
+
+    def _products(self) -> set[str]:
+        """Names of the products in the file."""
+        if self.products is None:
+            model = self.reader.Reader().WS().Model()
+            entities = (model.Value(k) for k in range(1, model.NbEntities() + 1))
+            self.products = {
+                str(entity.Name().ToCString()).strip()
+                for entity in entities
+                if type(entity).__name__ == "StepBasic_Product" and entity.Name() is not None
+            }
+        return self.products
 
     def _entity_name(self, shape: Any) -> str:
         """The name in the record of the file that a shape was made of."""

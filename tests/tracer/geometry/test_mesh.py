@@ -133,6 +133,14 @@ def test_files_are_read(tmp_path: Path) -> None:
     assert len(stl.face_names) == 6
 
 
+@pytest.mark.parametrize("word", ["g", "o"])
+def test_groups_named_like_their_file(tmp_path: Path, word: str) -> None:
+    lines = write_obj(tmp_path / "top.obj").read_text().replace("o top", f"{word} top")
+    lines = lines.replace("g top", f"{word} top").replace("\no rest", f"\n{word} rest")
+    (tmp_path / "top.obj").write_text(lines)
+    assert sorted(load_mesh(tmp_path / "top.obj").face_names) == ["rest", "top"]
+
+
 def test_ply_colours_and_gltf_nodes(tmp_path: Path) -> None:
     trimesh = pytest.importorskip("trimesh")
     colors = np.tile([255, 0, 0, 255], (12, 1)).astype(np.uint8)

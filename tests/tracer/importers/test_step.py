@@ -30,7 +30,7 @@ from tracer.importers.prescription import ImportWarning
 from tracer.importers.step_mesh import mesh_of_solid
 from tracer.importers.step_read import read_step
 from tracer.recording import record
-from tracer.scene.load import parse_scene
+from tracer.scene.load import load_scene, parse_scene
 from tracer.trace import trace_rays
 
 SCENE = """
@@ -311,3 +311,82 @@ def test_faces_are_listed(tmp_path: Path) -> None:
     result = CliRunner().invoke(application(), ["record", str(path), "-o", "x.raymap"])
     assert isinstance(result.exception, SceneError)
     assert "cad_files" in str(result.exception)
+
+
+CURVES = """#9001=SHAPE_REPRESENTATION('',(#11),#{context});
+#9002=SHAPE_REPRESENTATION_RELATIONSHIP('None','rep and solids',#9001,#10);
+#9003=GEOMETRICALLY_BOUNDED_WIREFRAME_SHAPE_REPRESENTATION('',(#9010),#{context});
+#9004=SHAPE_REPRESENTATION_RELATIONSHIP('None','rep and curves',#9001,#9003);
+#9010=GEOMETRIC_CURVE_SET('',(#9011));
+#9011=POLYLINE('',(#9012,#9013));
+#9012=CARTESIAN_POINT('',(0.,0.,20.));
+#9013=CARTESIAN_POINT('',(5.,0.,20.));
+"""
+
+
+def part_file(path: Path, product: str, *, curves: bool, solid: str = "") -> Path:
+    """A box of one product, written by OpenCASCADE, with curves beside it where they are wanted."""
+    from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox
+    from OCP.STEPControl import STEPControl_StepModelType, STEPControl_Writer
+
+    writer = STEPControl_Writer()
+    shape = BRepPrimAPI_MakeBox(10.0, 10.0, 10.0).Shape()
+    writer.Transfer(shape, STEPControl_StepModelType.STEPControl_AsIs)
+    writer.Write(str(path))
+    text = path.read_text()
+    text = re.sub(r"PRODUCT\('[^']*',\s*'[^']*'", f"PRODUCT('{product}','{product}'", text)
+    text = text.replace("MANIFOLD_SOLID_BREP(''", f"MANIFOLD_SOLID_BREP('{solid}'")
+    if curves:
+        head = "#3 = SHAPE_DEFINITION_REPRESENTATION(#4,#10)"
+        assert head in text
+        found = re.search(r"#10 = ADVANCED_BREP_SHAPE_REP\w+\('',\(#11,#15\),\s*#(\d+)\)", text)
+        assert found is not None
+        text = text.replace(head, head.replace("#10", "#9001"))
+        at = text.rindex("ENDSEC;")
+        text = text[:at] + CURVES.format(context=found[1]) + text[at:]
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("curves", [False, True])
+@pytest.mark.parametrize("product", ["LIGHTGUIDE", "4711", "SOLID", "COMPOUND", "Part 7.b"])
+@pytest.mark.parametrize("solid", ["", "Body1", "12"])
+def test_a_solid_has_the_name_of_its_product(
+    tmp_path: Path, product: str, solid: str, curves: bool
+) -> None:
+    path = part_file(tmp_path / "part.step", product, curves=curves, solid=solid)
+    (found,) = read_step(path)
+    assert found.name == product.replace(" ", "_").replace(".", "_")
+    assert found.volume == pytest.approx(1000.0)
+
+
+@pytest.mark.parametrize("suffix", [".glb", ".gltf"])
+@pytest.mark.parametrize("triangles", ["false", "true"])
+def test_cavities_are_wound_inward_in_exports(tmp_path: Path, suffix: str, triangles: str) -> None:
+    """trimesh sums signed volumes: a box less the ball in it."""
+    trimesh = pytest.importorskip("trimesh")
+    from viewer.models import export_3d
+
+    box = BRepPrimAPI_MakeBox(10.0, 10.0, 10.0).Shape()
+    ball = BRepPrimAPI_MakeSphere(gp_Pnt(5.0, 5.0, 5.0), 3.0).Shape()
+    write_step(tmp_path / "void.step", [Part("void", BRepAlgoAPI_Cut(box, ball).Shape())])
+    text = f"""
+length_unit = "mm"
+[media.glass]
+index = 1.5
+[cad_files.v]
+file = "void.step"
+medium = "glass"
+triangles = {triangles}
+[sources.s]
+kind = "point"
+position = [0, 0, 50]
+"""
+    (tmp_path / "scene.toml").write_text(text)
+    scene = load_scene(tmp_path / "scene.toml")
+    record(scene, tmp_path / "void.raymap", rays=100)
+    with raymap.open(tmp_path / "void.raymap") as ray_map:
+        export_3d(ray_map, tmp_path / f"void{suffix}")
+    bodies = trimesh.load_scene(tmp_path / f"void{suffix}").geometry.values()
+    volume = sum(body.volume for body in bodies if hasattr(body, "faces"))
+    assert volume == pytest.approx(1000.0 - 36.0 * math.pi, rel=0.01)
