@@ -199,7 +199,8 @@ def with_flux_of(rays: RaySet, flux_from: FluxFrom, name: str, *,
     if factor != 1.0:
         said = f"{total * factor:.6g} {rays.flux_unit}, its rays carry {total:.6g} {rays.flux_unit}"
     else:
-        beside = float(np.sum(rays.luminous_flux, dtype=np.float64))
+        assert rays.luminous_flux is not None
+        beside = float(rays.luminous_flux.sum(dtype=np.float64))
         said = f"{stated_luminous:.6g} lm, its rays carry {beside:.6g} lm"
     verb = "counts" if word == "header" else "count"
     warnings.warn(f"{name}: its header states {said}; the {word} {verb}{other}", stacklevel=4)

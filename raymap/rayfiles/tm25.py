@@ -130,10 +130,10 @@ def read(path: Path, flux_from: FluxFrom = "header") -> RaySet:
             )
     table: Floats = np.memmap(path, "<f4", "r", offset=start, shape=(rays, width))
     columns = {name: table[:, place] for place, name in enumerate(names)}
-    rays = _ray_set(path.name, head, columns, spectra, texts)
-    radiant = rays.flux_unit == "W"
+    found = _ray_set(path.name, head, columns, spectra, texts)
+    radiant = found.flux_unit == "W"
     return with_flux_of(
-        rays,
+        found,
         flux_from,
         path.name,
         stated=head.radiant_flux if radiant else head.luminous_flux,
