@@ -24,6 +24,7 @@ from raymap.layout import (
     header_size,
     parse_chunk_header,
 )
+from raymap.schema import JSON_FLOOR, JSON_PER_BYTE, affordable
 from raymap.streams import decode_bytes, decode_column
 
 __all__ = ["Chunk", "Gap", "MapFile"]
@@ -150,11 +151,23 @@ class MapFile:
         """The stored bytes of one stream."""
         return self.read(chunk.offset + entry.offset, entry.stored_size)
 
-    def bytes_of(self, chunk: Chunk, name: str, limit: int) -> bytes:
-        """An opaque stream of at most ``limit`` bytes, checked and decompressed."""
+    def text_of(self, chunk: Chunk, name: str = "json") -> bytes:
+        """A text, checked and decompressed.
+
+        Raises
+        ------
+        FormatError
+            It is damaged, or longer than the file can pay for.
+        """
         entries = [entry for entry in chunk.header.streams if entry.name == name]
-        if len(entries) != 1 or entries[0].raw_size > limit:
-            raise FormatError(f"chunk at byte {chunk.offset} has no sound stream {name!r}")
+        if len(entries) != 1:
+            raise FormatError(f"chunk at byte {chunk.offset} has no stream {name!r}")
+        limit = affordable(self.size, JSON_FLOOR, JSON_PER_BYTE)
+        if entries[0].raw_size > limit:
+            raise FormatError(
+                f"chunk at byte {chunk.offset} holds a text of {entries[0].raw_size} bytes; a file "
+                f"of {self.size} bytes may hold {limit}"
+            )
         return bytes(decode_bytes(entries[0], self.stored(chunk, entries[0])))
 
     def column(

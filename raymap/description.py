@@ -11,8 +11,9 @@ from pydantic import ValidationError
 
 from raymap.chunks import Chunk, MapFile
 from raymap.directory import ChannelSet, Directory, DisplayMesh
-from raymap.errors import FormatError
+from raymap.errors import FormatError, LimitExceeded
 from raymap.layout import CHANNELS, DIRECTORY, RUN, pack_chunk_header
+from raymap.schema import TABLE_FLOOR, TABLE_PER_BYTE, affordable
 from raymap.streams import StreamSet
 
 __all__ = [
@@ -26,7 +27,21 @@ __all__ = [
     "read_run",
 ]
 
-MAX_JSON = 2**28
+
+def check_primitives(directory: Directory, stored: int) -> None:
+    """Refuse more primitives than a directory of ``stored`` bytes can pay a table of quadrics for.
+
+    Raises
+    ------
+    LimitExceeded
+    """
+    n = directory.n_in_table
+    limit = affordable(stored, TABLE_FLOOR, TABLE_PER_BYTE)
+    if n > limit:
+        raise LimitExceeded(
+            f"faces have a quadric for each of several primitives, among {n} primitives in all; a "
+            f"directory of {stored} bytes may have {limit}"
+        )
 
 
 def pack_directory(directory: Directory, meshes: Mapping[int, DisplayMesh]) -> list[Any]:
@@ -37,16 +52,22 @@ def pack_directory(directory: Directory, meshes: Mapping[int, DisplayMesh]) -> l
         streams.add(f"mesh.{number}.vertices", np.asarray(mesh.vertices, np.float32))
         streams.add(f"mesh.{number}.triangles", np.asarray(mesh.triangles, np.int32))
         streams.add(f"mesh.{number}.face", np.asarray(mesh.face, np.int32))
-    return [pack_chunk_header(DIRECTORY, b"", streams.entries), *streams.buffers]
+    packed = [pack_chunk_header(DIRECTORY, b"", streams.entries), *streams.buffers]
+    check_primitives(directory, sum(len(buffer) for buffer in packed))
+    return packed
 
 
 def read_directory(file: MapFile, chunk: Chunk) -> tuple[Directory, list[int]]:
     """The directory and the objects that have a display mesh."""
-    data = file.bytes_of(chunk, "json", MAX_JSON)
+    data = file.text_of(chunk)
     try:
         directory = Directory.model_validate_json(data)
     except ValidationError as error:
         raise FormatError(f"directory is not sound: {_first(error)}") from None
+    try:
+        check_primitives(directory, chunk.header.size)
+    except LimitExceeded as error:
+        raise FormatError(str(error)) from None
     with_mesh = set()
     for entry in chunk.header.streams:
         parts = entry.name.split(".")
@@ -80,7 +101,7 @@ def pack_channel_set(channel_set: ChannelSet) -> list[Any]:
 
 def read_channel_set(file: MapFile, chunk: Chunk) -> ChannelSet:
     """The channel set of a chunk."""
-    return parse_channel_set(file.bytes_of(chunk, "json", MAX_JSON))
+    return parse_channel_set(file.text_of(chunk))
 
 
 def parse_channel_set(data: bytes | dict[str, Any]) -> ChannelSet:
@@ -101,7 +122,7 @@ def pack_run(run: Mapping[str, Any]) -> list[Any]:
 def read_run(file: MapFile, chunk: Chunk) -> dict[str, Any]:
     """What a run chunk says."""
     try:
-        return dict(json.loads(file.bytes_of(chunk, "json", MAX_JSON)))
+        return dict(json.loads(file.text_of(chunk)))
     except (ValueError, TypeError, RecursionError):
         raise FormatError("a run's description is no JSON object") from None
 

@@ -158,6 +158,8 @@ class SceneObject(_Entry):
                     f"expected {expected}: faces cover the primitives in order"
                 )
             expected += face.primitive_count
+        if expected > MAX_PRIMITIVES:
+            raise ValueError(f"object {self.name!r} has {expected} primitives")
         if len({face.name for face in self.faces}) != len(self.faces):
             raise ValueError(f"object {self.name!r} has two faces of one name")
         return self
@@ -294,7 +296,8 @@ class Directory(_Entry):
         for kind in ("sources", "objects", "media", "surfaces", "detectors"):
             names = [entry.name for entry in getattr(self, kind)]
             if len(set(names)) != len(names):
-                twice = next(name for name in names if names.count(name) > 1)
+                known: set[str] = set()
+                twice = next(name for name in names if name in known or known.add(name))
                 raise ValueError(f"two {kind} are called {twice!r}")
         for item in self.objects:
             for face in item.faces:
@@ -304,6 +307,14 @@ class Directory(_Entry):
             if detector.object >= len(self.objects):
                 raise ValueError(f"detector {detector.name!r} names object {detector.object}")
         return self
+
+    @property
+    def n_in_table(self) -> int:
+        """Primitives of which a table says which quadric they lie on; 0 without such a table."""
+        faces = [face for item in self.objects for face in item.faces]
+        if not any(face.primitive_count > 1 and face.quadrics for face in faces):
+            return 0
+        return sum(face.primitive_count for face in faces)
 
     @cached_property
     def faces(self) -> FaceTable:

@@ -24,7 +24,6 @@ __all__ = ["Footer", "IndexEntry", "find_footer", "pack_footer", "read_footer", 
 
 _TAIL = struct.Struct("<QQ8s")
 TAIL_MAGIC = b"RMAP\r\nZ\n"
-MAX_JSON = 2**26
 _COUNTS = (
     "number",
     "first_ray",
@@ -154,7 +153,7 @@ def read_footer(file: MapFile, chunk: Chunk, n_sources: int) -> Footer:
         A stream is damaged or the index contradicts the file.
     """
     try:
-        described = json.loads(file.bytes_of(chunk, "json", MAX_JSON))
+        described = json.loads(file.text_of(chunk))
         runs = [dict(run) for run in described["runs"]]
         channel_sets = [dict(each) for each in described["channel_sets"]]
     except (ValueError, TypeError, KeyError, RecursionError) as error:
@@ -182,6 +181,7 @@ def read_footer(file: MapFile, chunk: Chunk, n_sources: int) -> Footer:
         fields: dict[str, Any] = {name: int(counts[name][row]) for name in _COUNTS[:-1]}
         meta = PortionMeta(**fields, **PortionMeta.marks(flags), emitted=emitted[row])
         meta.check()
+        meta.check_size(int(sizes[row]))
         entry = IndexEntry(int(offsets[row]), int(sizes[row]), meta)
         if entry.offset + entry.size > chunk.offset or meta.number <= previous:
             raise FormatError("footer's index of portions contradicts the file")

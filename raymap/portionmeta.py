@@ -15,6 +15,9 @@ from raymap.schema import (
     MAX_DESCRIPTORS_PER_SEGMENT,
     MAX_INDEX,
     PORTION_MAX_RECORDS,
+    RECORDS_FLOOR,
+    RECORDS_PER_BYTE,
+    affordable,
 )
 
 __all__ = ["DESCRIPTOR_STREAMS", "Encoding", "PortionMeta"]
@@ -160,6 +163,15 @@ class PortionMeta:
             "grouped": bool(flags & 8),
             "encodings": flags & _ENCODINGS,
         }
+
+    def check_size(self, stored: int) -> None:
+        """Refuse more records than a chunk of ``stored`` bytes can pay for."""
+        limit = affordable(stored, RECORDS_FLOOR, RECORDS_PER_BYTE)
+        if max(self.n_records, self.n_descriptors) > limit:
+            raise FormatError(
+                f"portion of {stored} bytes declares {self.n_records} records and "
+                f"{self.n_descriptors} descriptors; it may have {limit}"
+            )
 
     def check(self) -> None:
         """Refuse impossible counts before anything is allocated for them."""

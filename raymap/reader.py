@@ -417,6 +417,7 @@ class RayMap:
     def _take_chunk(self, chunk: Chunk) -> None:
         if chunk.tag == PORTION:
             meta = PortionMeta.parse(chunk.header.meta, len(self.directory.sources))
+            meta.check_size(chunk.header.size)
             last = self._footer.portions[-1].meta if self._footer.portions else None
             if last is not None and meta.number <= last.number:
                 raise FormatError(f"portion {meta.number} follows portion {last.number}")

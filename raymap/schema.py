@@ -21,6 +21,7 @@ __all__ = [
     "PORTION_RECORDS",
     "SEGMENT_DTYPE",
     "UV_SCALE",
+    "affordable",
 ]
 
 NONE = -1
@@ -77,3 +78,23 @@ PORTION_RECORDS = 2**20
 
 PORTION_MAX_RECORDS = 2**24
 """No portion, and so no single ray, may hold more records."""
+
+JSON_FLOOR, JSON_PER_BYTE = 2**22, 64
+"""Bytes of a JSON text that any file may hold, and as many times the bytes of the file."""
+
+TABLE_FLOOR, TABLE_PER_BYTE = 2**24, 64
+"""Primitives of a scene in which faces have a quadric per primitive, against the directory."""
+
+RECORDS_FLOOR, RECORDS_PER_BYTE = 2 * PORTION_RECORDS, 16
+"""Records of a portion, against the bytes of its chunk: the coordinates of one cost bytes."""
+
+CELLS_FLOOR, CELLS_PER_BYTE = 2**24, 16
+"""Cells x channels of a detector whose sums are made anew, against the bytes of the file."""
+
+
+def affordable(stored: int, floor: int, per_byte: int) -> int:
+    """How much of something so many bytes can pay for.
+
+    What a reader allocates grows with what lies in the file, not with what that says of itself.
+    """
+    return max(floor, per_byte * stored)

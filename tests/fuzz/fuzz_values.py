@@ -1,0 +1,500 @@
+"""Fuzzing with valid checksums: ``NUMBA_BOUNDSCHECK=1 python tests/fuzz/fuzz_values.py [seconds]``.
+
+A small map is taken apart into the values of its columns, headers and JSON texts. Some of them are
+changed, all checksums, sizes and the footer's index are made to fit again, and the map is opened,
+read, asked and verified. Whatever the values say:
+
+- nothing but the project's own errors is raised, and `verify` raises none;
+- no compiled loop leaves its arrays (run with Numba's bounds checks, or this proves nothing of it);
+- where a single value was changed that the map says twice, `verify` finds it;
+- where a single value was changed that stands for itself, it is read back exactly.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import dataclasses
+import json
+import os
+import random
+import struct
+import sys
+import tempfile
+import time
+import traceback
+from dataclasses import dataclass, field
+from pathlib import Path
+
+_ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(_ROOT))
+
+import numpy as np  # noqa: E402
+import xxhash  # noqa: E402
+
+import raymap  # noqa: E402
+from query import parse, path_table, select  # noqa: E402
+from raymap.chunks import MapFile  # noqa: E402
+from raymap.footer import TAIL_MAGIC  # noqa: E402
+from raymap.layout import (  # noqa: E402
+    FILE_HEADER_SIZE,
+    FOOTER,
+    PORTION,
+    StreamEntry,
+    pack_chunk_header,
+    pack_file_header,
+)
+from raymap.streams import STORED, WHOLE, decode_column, kind_of  # noqa: E402
+from raymap.verify import verify  # noqa: E402
+from tests.raymap.maps import RGB, portion_at, small_directory, write_small  # noqa: E402
+
+_CRITERIA = tuple(
+    parse(text)
+    for text in (
+        'hit("*", reflected)',
+        "length > 10",
+        'incidence(hit("*")) < 30 deg',
+        "wavelength > 500 nm",
+        'detected("*", rect(0, 0, 1, 2))',
+        'hit("*") -> crossed("*")',
+        'path("* (.)* @* .*")',
+        'count(hit("*")) >= 2',
+        'last(hit("*")) & medium("*")',
+        "flux > 0.001 W",
+        'hit("*.#0")',
+        "optical_length > 3",
+    )
+)
+_JSON = ("json",)
+
+_STATED_TWICE = (
+    "path.rays",
+    "path.sum_w",
+    "path.sum_w2",
+    "path.sum_c",
+    "path.sum_wc",
+    "portion.n_rays",
+    "portion.n_records",
+    "portion.emitted",
+    "portion.first_ray",
+    "portion.offset",
+    "portion.size",
+    "portion.flags",
+    "local_to_global",
+    "chunk.offset",
+    "chunk.tag",
+)
+"""Columns of which every value follows from others."""
+
+_FREE = {"weight": "weight", "emission": "emission", "x:phase": "phase", "x:lobe": "lobe"}
+"""Columns of plain portions that stand for themselves."""
+
+
+@dataclass
+class Stream:
+    """A column as values; opaque text as bytes in ``values``."""
+
+    name: str
+    kind: int
+    scope: int
+    width: int
+    values: np.ndarray
+
+
+@dataclass
+class Part:
+    """A chunk taken apart."""
+
+    tag: bytes
+    offset: int
+    meta: bytes
+    streams: list[Stream] = field(default_factory=list)
+
+
+def take_apart(path: Path) -> list[Part]:
+    """The chunks of a sound map as values."""
+    file = MapFile(path)
+    parts = []
+    for chunk in file.walk(FILE_HEADER_SIZE, file.size):
+        part = Part(chunk.tag, chunk.offset, chunk.header.meta)
+        names = dict.fromkeys(entry.name for entry in chunk.header.streams)
+        for name in names:
+            entries = [entry for entry in chunk.header.streams if entry.name == name]
+            values = decode_column(entries, lambda entry, chunk=chunk: file.stored(chunk, entry))
+            first = entries[0]
+            part.streams.append(Stream(name, first.kind, first.scope, first.width, values))
+        parts.append(part)
+    file.close()
+    return parts
+
+
+def put_together(parts: list[Part]) -> bytes:
+    """A map with sound checksums, sizes, and an index that says where the chunks stand."""
+    out = bytearray(pack_file_header())
+    places: dict[int, tuple[int, int]] = {}
+    for part in parts:
+        if part.tag == FOOTER:
+            continue
+        packed = _pack(part)
+        places[part.offset] = len(out), len(packed)
+        out += packed
+    for part in parts:
+        if part.tag == FOOTER:
+            out += _pack_footer(part, places)
+    return bytes(out)
+
+
+def _pack(part: Part) -> bytes:
+    entries, buffers = [], []
+    for stream in part.streams:
+        content = np.ascontiguousarray(stream.values).tobytes()
+        digest = xxhash.xxh3_64_intdigest(content)
+        entries.append(
+            StreamEntry(
+                stream.name, stream.kind, STORED, WHOLE, stream.scope, stream.width,
+                len(content), len(content), digest,
+            )
+        )  # fmt: skip
+        buffers.append(content)
+    return pack_chunk_header(part.tag, part.meta, entries) + b"".join(buffers)
+
+
+def _pack_footer(part: Part, places: dict[int, tuple[int, int]]) -> bytes:
+    """The footer with the places of the chunks as they are now; changed ones stay changed."""
+    moved = dataclasses.replace(
+        part,
+        streams=[dataclasses.replace(each, values=each.values.copy()) for each in part.streams],
+    )
+    by_name = {stream.name: stream for stream in moved.streams}
+    for name, size_name in (("portion.offset", "portion.size"), ("chunk.offset", None)):
+        stream = by_name.get(name)
+        if stream is None:
+            continue
+        for row, old in enumerate(stream.values.tolist()):
+            if old in places:
+                stream.values[row] = places[old][0]
+                sizes = by_name.get(size_name or "")
+                if sizes is not None and row < len(sizes.values) and sizes.values[row] == 0:
+                    sizes.values[row] = places[old][1]
+    moved.streams = [stream for stream in moved.streams if stream.name != "tail"]
+    tail = Stream("tail", 0, 0, 1, np.zeros(24, np.uint8))
+    moved.streams.append(tail)
+    size = len(_pack(moved))
+    check = xxhash.xxh3_64_intdigest(struct.pack("<Q", size) + TAIL_MAGIC)
+    tail.values = np.frombuffer(struct.pack("<QQ8s", size, check, TAIL_MAGIC), np.uint8)
+    return _pack(moved)
+
+
+class Seed:
+    """A sound small map, taken apart; sizes of portions are left for the sealing to fill in."""
+
+    def __init__(self, name: str, path: Path) -> None:
+        self.name, self.parts = name, take_apart(path)
+        for part in self.parts:
+            for stream in part.streams if part.tag == FOOTER else ():
+                if stream.name == "portion.size":
+                    stream.values = np.zeros_like(stream.values)
+
+
+def seeds(folder: Path) -> list[Seed]:
+    """Small maps of every encoding."""
+    found = []
+    for number, options in enumerate(
+        (
+            {},
+            {"n_paths": None},
+            {"weighted": True, "extra": True},
+            {"n_paths": None, "weighted": True, "extra": True, "grouped": True},
+            {"weighted": True, "grouped": True, "with_ids": False},
+        )
+    ):
+        path = folder / f"seed{number}.raymap"
+        write_small(path, n_portions=2, n_rays=7, seed=number, **options)
+        found.append(Seed(f"small {options}", path))
+    path = folder / "compact.raymap"
+    _write_compact(path)
+    found.append(Seed("compact", path))
+    return found
+
+
+def _write_compact(path: Path) -> None:
+    """A map whose positions, normals and crossings lean on shapes: the most that is decoded."""
+    rows = [portion_at(0, 9, seed=5, n_paths=3), portion_at(100, 9, seed=6, n_paths=None)]
+    sphere = raymap.Quadric(coefficients=(1, 1, 1, 0, 0, 0, 0, 0, 0, -2500.0), solve_axis=2)
+    faces = (
+        raymap.Face(name="front", quadrics=(sphere,)),
+        raymap.Face(name="mesh", first_primitive=1, primitive_count=9, quadrics=(sphere,) * 9),
+    )
+    lens = raymap.SceneObject(name="lens", faces=faces)
+    directory = small_directory(objects=(lens, raymap.SceneObject(name="box")))
+    with raymap.RayMapWriter.create(path, directory, compact=True) as writer:
+        writer.add_channel_set(RGB)
+        writer.start_run(seed=1, parameters={})
+        for row in rows:
+            writer.append(_on_sphere(row))
+        shape = (5, 7, 3)
+        writer.add_detector_result(0, np.ones(shape), np.ones(shape))
+        writer.finish({})
+
+
+def _on_sphere(portion: raymap.Portion) -> raymap.Portion:
+    """The portion with its points on the sphere and its meetings where segments cross."""
+    position = portion.position.astype(np.float64)
+    position *= 50.0 / np.maximum(np.linalg.norm(position, axis=1, keepdims=True), 1e-9)
+    normal = np.rint(position / 50.0 * 32767).astype(np.int16)
+    return dataclasses.replace(portion, position=position.astype(np.float32), normal=normal)
+
+
+# -- changes -------------------------------------------------------------------------------------
+
+
+@dataclass
+class Change:
+    """One value that was changed."""
+
+    tag: bytes
+    stream: str
+    row: int
+    part: int
+
+
+def change(parts: list[Part], dice: random.Random) -> Change:
+    """Change one value somewhere."""
+    number = dice.randrange(len(parts))
+    part = parts[number]
+    if part.meta and dice.random() < 0.15:
+        meta = bytearray(part.meta)
+        place = 4 * dice.randrange(max(1, len(meta) // 4))
+        meta[place : place + 4] = struct.pack("<I", _odd_number(dice) & 0xFFFFFFFF)
+        part.meta = bytes(meta)[: len(part.meta)]
+        return Change(part.tag, "", place, number)
+    usual = [stream for stream in part.streams if stream.name != "tail"]
+    stream = dice.choice(usual)
+    if stream.name in _JSON:
+        _change_text(stream, dice)
+        return Change(part.tag, "json", 0, number)
+    kind = dice.random()
+    if kind < 0.08:
+        _change_rows(stream, dice)
+        return Change(part.tag, stream.name, -1, number)
+    if kind < 0.11:
+        _change_table(part, stream, dice)
+        return Change(part.tag, stream.name, -1, number)
+    flat = stream.values.reshape(-1)
+    if not len(flat):
+        return Change(part.tag, stream.name, -1, number)
+    flat = flat.copy()
+    row = dice.randrange(len(flat))
+    flat[row] = _odd_value(flat, row, dice)
+    stream.values = flat.reshape(stream.values.shape)
+    return Change(part.tag, stream.name, row, number)
+
+
+def _odd_number(dice: random.Random) -> int:
+    return dice.choice(
+        (0, 1, 2, -1, 127, 128, 255, 32767, 32768, 65535, 2**24, 2**31 - 1, 2**31, 2**32 - 1)
+    )
+
+
+def _odd_value(flat: np.ndarray, row: int, dice: random.Random) -> object:
+    dtype = flat.dtype
+    if dtype == np.bool_:
+        return not flat[row]
+    if dtype.kind in "iu":
+        info = np.iinfo(dtype)
+        near = int(flat[row]) + dice.choice((-1, 1, -2, 2, 8, -8))
+        value = dice.choice(
+            (near, near, int(dice.choice(flat)), info.min, info.max, _odd_number(dice),
+             dice.randint(info.min, info.max))
+        )  # fmt: skip
+        return min(max(value, info.min), info.max)
+    value = float(np.real(flat[row]))
+    return dice.choice(
+        (np.nan, np.inf, -np.inf, -value, 2 * value, 0.0, 1e38, -1e-38, dice.uniform(-99, 99))
+    )
+
+
+def _change_rows(stream: Stream, dice: random.Random) -> None:
+    values = stream.values
+    if len(values) and dice.random() < 0.5:
+        stream.values = np.delete(values, dice.randrange(len(values)), axis=0)
+    elif len(values):
+        place = dice.randrange(len(values))
+        stream.values = np.insert(values, place, values[place], axis=0)
+
+
+def _change_table(part: Part, stream: Stream, dice: random.Random) -> None:
+    kind = dice.randrange(4)
+    if kind == 0:
+        part.streams.remove(stream)
+    elif kind == 1:
+        other = dice.choice([each for each in part.streams if each.name != "tail"])
+        stream.values, other.values = other.values, stream.values
+        stream.kind, other.kind = other.kind, stream.kind
+        stream.width, other.width = other.width, stream.width
+    elif kind == 2:
+        stream.width = dice.choice((0, 1, 2, 3, 4, 65536))
+    else:
+        wanted = np.dtype(dice.choice(("u1", "i1", "<u2", "<i4", "<u4", "<i8", "<f4", "<f8", "?")))
+        content = np.ascontiguousarray(stream.values).tobytes()
+        content = content[: len(content) // wanted.itemsize * wanted.itemsize]
+        stream.values = np.frombuffer(content, wanted)
+        stream.kind = kind_of(wanted)
+
+
+def _change_text(stream: Stream, dice: random.Random) -> None:
+    data = json.loads(stream.values.tobytes())
+    leaves: list[tuple[object, object]] = []
+    _walk(data, leaves)
+    if not leaves:
+        return
+    owner, key = dice.choice(leaves)
+    old = owner[key]
+    if dice.random() < 0.1:
+        del owner[key]
+    elif isinstance(old, list) and old and dice.random() < 0.5:
+        old.append(copy.deepcopy(dice.choice(old)))
+    else:
+        numbers = (0, -1, 1, 2, 1.5, 1e308, -1e308, 2**31 - 1, 2**31, 2**63, 2**200, 65535, 65536)
+        owner[key] = dice.choice((*numbers, None, "", "x", "sensor", [], {}, [old], True))
+    stream.values = np.frombuffer(json.dumps(data).encode(), np.uint8)
+    stream.kind, stream.width = 0, 1
+
+
+def _walk(data: object, leaves: list[tuple[object, object]]) -> None:
+    items = data.items() if isinstance(data, dict) else enumerate(data)
+    for key, value in items:
+        leaves.append((data, key))
+        if isinstance(value, dict | list):
+            _walk(value, leaves)
+
+
+# -- what is done with a changed map ---------------------------------------------------------------
+
+
+def exercise(path: Path, dice: random.Random) -> tuple[bool, dict[str, np.ndarray]]:
+    """Read, ask and verify a map; (whether it was found sound, columns that were read)."""
+    columns: dict[str, np.ndarray] = {}
+    try:
+        ray_map = raymap.open(path, on_damage="skip")
+    except raymap.FormatError:
+        return False, columns
+    with ray_map:
+        ray_map.describe()
+        for attribute in ("meshes", "merged"):
+            _quietly(lambda attribute=attribute: getattr(ray_map, attribute))
+        for detector in ray_map.directory.detectors:
+            for channel_set in range(len(ray_map.channel_sets)):
+                _quietly(lambda name=detector.name, n=channel_set: ray_map.detector_result(name, n))
+        for number, stored in enumerate(ray_map.portions):
+            _quietly(lambda stored=stored: (stored.segments(), stored.paths().sum_wc))
+            for name in _FREE.values():
+                try:
+                    columns[f"{number}.{name}"] = stored.column(name)
+                except (KeyError, raymap.FormatError):
+                    continue
+        for criterion in dice.sample(_CRITERIA, 3):
+            _quietly(lambda criterion=criterion: select(ray_map, criterion, threads=1).ray_ids)
+        _quietly(lambda: path_table(ray_map, None, threads=1).rows(3))
+    with raymap.open(path, on_damage="skip") as ray_map:
+        sound = not verify(ray_map).damage
+    return sound, columns
+
+
+def _quietly(action: object) -> None:
+    try:
+        action()  # type: ignore[operator]
+    except raymap.RayMapError:
+        return
+
+
+def one_case(seed: Seed, dice: random.Random, path: Path) -> int:
+    """Change a map and see what becomes of it; returns the number of changes.
+
+    Raises
+    ------
+    AssertionError
+        A promise of this module's head does not hold.
+    """
+    parts = [
+        dataclasses.replace(part, streams=[dataclasses.replace(each) for each in part.streams])
+        for part in seed.parts
+    ]
+    n = dice.choice((1, 1, 2, 4, 16, 32))
+    changes = [change(parts, dice) for _ in range(n)]
+    same = _equal(parts, seed.parts)
+    path.write_bytes(put_together(parts))
+    sound, columns = exercise(path, dice)
+    if n > 1 or same:
+        assert sound or not same, "an unchanged map is not sound"
+        return n
+    one = changes[0]
+    told_twice = one.stream.split(".0")[0] in _STATED_TWICE or one.stream.startswith("path.sum")
+    if told_twice and one.row >= 0:
+        assert not sound, f"verify finds {one} sound"
+    plain = not any(stream.name == "path_number" for stream in parts[one.part].streams)
+    if one.tag == PORTION and one.stream in _FREE and one.row >= 0 and sound:
+        number = [p.tag for p in parts[: one.part]].count(PORTION)
+        [stream] = [s for s in parts[one.part].streams if s.name == one.stream]
+        found = columns.get(f"{number}.{_FREE[one.stream]}")
+        assert found is not None, one
+        if plain or one.stream.startswith("x:"):
+            assert found.tobytes() == stream.values.tobytes(), one
+    return 1
+
+
+def _equal(a: list[Part], b: list[Part]) -> bool:
+    def same(x: Stream, y: Stream) -> bool:
+        return (x.name, x.kind, x.width) == (y.name, y.kind, y.width) and (
+            x.values.tobytes() == y.values.tobytes()
+        )
+
+    return all(
+        p.meta == q.meta
+        and len(p.streams) == len(q.streams)
+        and all(same(x, y) for x, y in zip(p.streams, q.streams, strict=True))
+        for p, q in zip(a, b, strict=True)
+    )
+
+
+def run(seconds: float, first: int, folder: Path, *, cases: int | None = None) -> dict[str, int]:
+    """Cases for some time; prints what fails with the number that repeats it."""
+    all_seeds = seeds(folder)
+    path = folder / "changed.raymap"
+    begin, number = time.monotonic(), first
+    counts = {"cases": 0, "changes": 0, "failures": 0}
+    shown = time.monotonic()
+    while time.monotonic() - begin < seconds and counts["cases"] != cases:
+        dice = random.Random(number)
+        try:
+            counts["changes"] += one_case(dice.choice(all_seeds), dice, path)
+        except Exception:
+            counts["failures"] += 1
+            print(f"case {number}:\n{traceback.format_exc()}", flush=True)
+            if counts["failures"] > 200:
+                break
+        counts["cases"] += 1
+        number += 1
+        if time.monotonic() - shown > 60:
+            print(counts, flush=True)
+            shown = time.monotonic()
+    return counts
+
+
+def main() -> int:
+    """Command line: 1 where something failed."""
+    parser = argparse.ArgumentParser(description="Fuzz maps with valid checksums.")
+    parser.add_argument("seconds", type=float, nargs="?", default=3600.0)
+    parser.add_argument("--first", type=int, default=0, help="number of the first case")
+    parser.add_argument("--cases", type=int, help="stop after so many")
+    given = parser.parse_args()
+    if os.environ.get("NUMBA_BOUNDSCHECK") != "1":
+        print("without NUMBA_BOUNDSCHECK=1 loops that leave their arrays go unseen", flush=True)
+    with tempfile.TemporaryDirectory(prefix="raymap-values-") as folder:
+        counts = run(given.seconds, given.first, Path(folder), cases=given.cases)
+    print(counts)
+    return int(counts["failures"] > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
