@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from raymap.errors import (
         CriterionError,
         DamagedPortion,
+        DamageWarning,
         FormatError,
         InvalidPortion,
         LimitExceeded,
@@ -75,6 +76,7 @@ _PLACES = {
     ],
     "raymap.errors": [
         "CriterionError",
+        "DamageWarning",
         "DamagedPortion",
         "FormatError",
         "InvalidPortion",
@@ -114,6 +116,7 @@ __all__ = [
     "ChannelSet",
     "CriterionError",
     "Damage",
+    "DamageWarning",
     "DamagedPortion",
     "Descriptors",
     "Detector",

@@ -138,14 +138,18 @@ def compare_all(merged: MergedPaths, portions: Sequence[StoredPortion]) -> None:
     rays = np.zeros(paths.n_paths, np.int64)
     sums = [np.zeros(paths.n_paths), np.zeros(paths.n_paths), *(0.0 * s for s in paths.sum_wc)]
     # Portions of a map that is one of several count channel sets as all of these do
+    lost = False
     for portion, local in zip(portions, merged.local_to_global, strict=True):
         if local is None:
             continue
         try:
             own = portion.paths()
-        except DamagedPortion:
+        except DamagedPortion as error:
+            if error.reason in FALSE_COUNTS:
+                raise FormatError(f"merged dictionary: {error.reason}") from None
             # Its rays are lost: nobody can say what it held
-            return
+            lost = True
+            continue
         unlike = unlike_merged(paths, local, own)
         if unlike:
             raise FormatError(f"merged dictionary: {unlike} contradict portion {portion.number}")
@@ -156,6 +160,8 @@ def compare_all(merged: MergedPaths, portions: Sequence[StoredPortion]) -> None:
             raise FormatError("merged dictionary: a channel set without sums of colour")
         for place, more in ((0, own.sum_w), (1, own.sum_w2), (own_set, colors)):
             np.add.at(sums[place], local, more)
+    if lost:
+        return
     if not np.array_equal(rays, paths.rays):
         raise FormatError("merged dictionary: rays of paths contradict the portions")
     for total, stated in zip(sums, (paths.sum_w, paths.sum_w2, *paths.sum_wc), strict=True):

@@ -10,13 +10,14 @@ unit vectors, flux in ``flux_unit``.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, FailFast, Field, model_validator
 
 from raymap.schema import MAX_CELLS_PER_SIDE, MAX_INDEX, MAX_PRIMITIVES, NONE
 
@@ -36,6 +37,7 @@ __all__ = [
 ]
 
 Vector = tuple[float, float, float]
+Numbers = Annotated[tuple[float, ...], FailFast()]
 Parameters = dict[str, Any]
 
 
@@ -126,8 +128,8 @@ class Face(_Entry):
     first_primitive: Annotated[int, Field(ge=0, le=MAX_PRIMITIVES)] = 0
     primitive_count: Annotated[int, Field(ge=1, le=MAX_PRIMITIVES)] = 1
     surface: Annotated[int, Field(ge=NONE, le=MAX_INDEX)] = NONE
-    aliases: tuple[str, ...] = ()
-    quadrics: tuple[Quadric | None, ...] = ()
+    aliases: Annotated[tuple[str, ...], FailFast()] = ()
+    quadrics: Annotated[tuple[Quadric | None, ...], FailFast()] = ()
     parameters: Parameters = {}
 
     @model_validator(mode="after")
@@ -145,7 +147,7 @@ class SceneObject(_Entry):
 
     name: Name
     kind: str = ""
-    faces: tuple[Face, ...] = ()
+    faces: Annotated[tuple[Face, ...], FailFast()] = ()
     parameters: Parameters = {}
 
     @model_validator(mode="after")
@@ -213,12 +215,12 @@ class ChannelSet(_Entry):
     """
 
     kind: Literal["rgb", "spectral"]
-    wavelengths_nm: Annotated[tuple[float, ...], Field(min_length=1, max_length=4096)]
-    luminous: tuple[float, ...] = ()
-    display_rgb: tuple[Vector, ...] = ()
-    refractive_index: tuple[tuple[float, ...], ...] = ()
-    absorption: tuple[tuple[float, ...], ...] = ()
-    source_colors: tuple[tuple[float, ...], ...] = ()
+    wavelengths_nm: Annotated[tuple[float, ...], Field(min_length=1, max_length=4096), FailFast()]
+    luminous: Annotated[tuple[float, ...], FailFast()] = ()
+    display_rgb: Annotated[tuple[Vector, ...], FailFast()] = ()
+    refractive_index: Annotated[tuple[Numbers, ...], FailFast()] = ()
+    absorption: Annotated[tuple[Numbers, ...], FailFast()] = ()
+    source_colors: Annotated[tuple[Numbers, ...], FailFast()] = ()
 
     @property
     def n_channels(self) -> int:
@@ -278,11 +280,11 @@ class Directory(_Entry):
 
     length_unit: str = "mm"
     flux_unit: Literal["W", "lm"] = "W"
-    sources: Annotated[tuple[Source, ...], Field(max_length=MAX_INDEX)]
-    objects: Annotated[tuple[SceneObject, ...], Field(max_length=MAX_INDEX)] = ()
-    media: Annotated[tuple[Medium, ...], Field(max_length=MAX_INDEX)] = ()
-    surfaces: Annotated[tuple[Surface, ...], Field(max_length=MAX_INDEX)] = ()
-    detectors: Annotated[tuple[Detector, ...], Field(max_length=MAX_INDEX)] = ()
+    sources: Annotated[tuple[Source, ...], Field(max_length=MAX_INDEX), FailFast()]
+    objects: Annotated[tuple[SceneObject, ...], Field(max_length=MAX_INDEX), FailFast()] = ()
+    media: Annotated[tuple[Medium, ...], Field(max_length=MAX_INDEX), FailFast()] = ()
+    surfaces: Annotated[tuple[Surface, ...], Field(max_length=MAX_INDEX), FailFast()] = ()
+    detectors: Annotated[tuple[Detector, ...], Field(max_length=MAX_INDEX), FailFast()] = ()
     bounding_sphere: BoundingSphere = BoundingSphere()
     scene_hash: str = ""
     """Hash of geometry, media, surfaces, sources and detectors; maps of one scene share it."""
@@ -296,8 +298,7 @@ class Directory(_Entry):
         for kind in ("sources", "objects", "media", "surfaces", "detectors"):
             names = [entry.name for entry in getattr(self, kind)]
             if len(set(names)) != len(names):
-                known: set[str] = set()
-                twice = next(name for name in names if name in known or known.add(name))
+                twice = Counter(names).most_common(1)[0][0]
                 raise ValueError(f"two {kind} are called {twice!r}")
         for item in self.objects:
             for face in item.faces:

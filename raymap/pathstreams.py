@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from raymap.directory import Directory
 from raymap.errors import FormatError
-from raymap.events import ENDINGS, Event
 
 __all__ = ["Bounds", "check_itineraries", "offsets_from_counts"]
 
@@ -130,24 +129,8 @@ def check_itineraries(read: Reader, n_paths: int, bounds: Bounds) -> PathColumns
         columns[name] = column if name == "event" else bounds.check(name, column)
     bounds.check_faces(columns["object"], columns["face"])
     meetings = read("meetings", n_points, np.uint16)
-    _check_points(columns, meetings)
     columns["detector_offsets"] = offsets_from_counts(meetings, None, "meetings of paths")
     n_meetings = int(columns["detector_offsets"][-1])
     columns["detector"] = bounds.check("detector", read("detector", n_meetings, np.int16))
     columns["registered"] = read("registered", n_meetings, np.bool_)
     return PathColumns(**columns)
-
-
-def _check_points(columns: dict[str, NDArray[Any]], meetings: NDArray[np.uint16]) -> None:
-    """Refuse paths that do not begin with an emission and end once, at their end."""
-    starts, last = columns["offsets"][:-1], columns["offsets"][1:] - 1
-    event = columns["event"]
-    if not (event[starts] & int(Event.EMITTED)).all():
-        raise FormatError("a path does not begin with an emission")
-    endings = event & int(ENDINGS)
-    at_end = endings[last]
-    single = (at_end != 0) & (at_end & (at_end - 1) == 0)
-    if not single.all() or np.count_nonzero(endings) != len(last):
-        raise FormatError("a path does not end with one ending event")
-    if meetings[last].any():
-        raise FormatError("a path meets detectors after its end")

@@ -141,6 +141,8 @@ class PortionStreams:
             if column.dtype.kind in "iu" and wanted.kind in "iu":
                 return column.astype(wanted)
             raise FormatError(f"stream {name!r} holds {column.dtype}, expected {wanted}")
+        except DamagedPortion:
+            raise
         except FormatError as error:
             raise self._damaged(str(error)) from None
 

@@ -388,10 +388,22 @@ class RayMap:
             self._set_channels([parse_channel_set(each) for each in self._footer.channel_sets])
             if any(e.meta.channel_set >= len(self._channels) for e in self._footer.portions):
                 raise FormatError("a portion names a channel set that the map does not have")
+            if len(self._footer.portions) <= COMPARED_PORTIONS:
+                self._compare_headers()
         except FormatError as error:
             self._warn_of_footer(Damage(None, chunk.offset, chunk.header.size, f"footer: {error}"))
             return False
         return True
+
+    def _compare_headers(self) -> None:
+        """Compare the footer's index with the headers of the portions, where these are sound."""
+        for entry in self._footer.portions:
+            try:
+                chunk = self.file.chunk_at(entry.offset, self.bytes)
+            except FormatError:
+                continue
+            if chunk.tag != PORTION or chunk.header.meta != entry.meta.pack():
+                raise FormatError(f"its index contradicts portion {entry.meta.number}")
 
     def _walk(self, size: int) -> None:
         """Find the chunks one after the other, as there is no footer."""

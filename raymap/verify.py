@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass, field
+from itertools import zip_longest
 from typing import Any
 
-from raymap.agreement import FALSE_COUNTS, FALSE_RAYS, difference, false_sums
+import numpy as np
+
+from raymap.agreement import FALSE_COUNTS, FALSE_RAYS, FalseFooter, difference, false_sums
+from raymap.cells import is_pinhole
+from raymap.cellsums import Sums, count_meetings
 from raymap.checks import check_portion
+from raymap.chunks import Gap
+from raymap.description import read_channel_set, read_run
 from raymap.dictionary import PathMerger
+from raymap.directory import ChannelSet
 from raymap.errors import DamagedPortion, FormatError, InvalidPortion
-from raymap.layout import CHANNELS, DETECTOR, RUN
+from raymap.layout import CHANNELS, DETECTOR, FILE_HEADER_SIZE, RUN
 from raymap.reader import Damage, RayMap
 from raymap.results import read_result
 from raymap.stored import StoredPortion
@@ -64,7 +73,8 @@ def verify(ray_map: RayMap) -> Verification:
 def _verify_file(ray_map: RayMap, result: Verification) -> None:
     merger = PathMerger()
     sound = True
-    for portion in ray_map.portions:
+    results: dict[tuple[int, int], tuple[Sums, Sums]] = {}
+    for index, portion in enumerate(ray_map.portions):
         problem = portion_problem(portion)
         result.portions += 1
         if problem is None:
@@ -72,6 +82,8 @@ def _verify_file(ray_map: RayMap, result: Verification) -> None:
             result.rays_readable += portion.n_rays
             if portion.has_paths:
                 merger.add(portion.paths())
+                _compare_merged(ray_map, index)
+            count_meetings(portion, results)
         else:
             sound = False
             ray_map.report_damage(portion.index, problem)
@@ -80,6 +92,9 @@ def _verify_file(ray_map: RayMap, result: Verification) -> None:
     result.portions += sum(d.portion is not None and d.length > 0 for d in _lost(ray_map))
     result.torn_bytes += ray_map.torn_bytes
     _check_others(ray_map)
+    _check_index(ray_map)
+    if sound:
+        _check_results(ray_map, results)
     merged = ray_map.merged
     if merged is not None and sound and ray_map.footer_chunk is not None:
         unlike = difference(merged.paths, merger.dictionary())
@@ -89,6 +104,64 @@ def _verify_file(ray_map: RayMap, result: Verification) -> None:
                 Damage(None, chunk.offset, chunk.header.size, f"merged dictionary: {unlike}")
             )
     result.damage += ray_map.damage
+
+
+def _compare_merged(ray_map: RayMap, index: int) -> None:
+    """Compare a portion's paths with those that the footer says it has."""
+    merged, portion = ray_map.merged, ray_map.portions[index]
+    local = None if merged is None else merged.local_to_global[index]
+    if merged is not None and local is not None:
+        with contextlib.suppress(FalseFooter):
+            portion.compare(merged.paths, local)
+
+
+def _check_index(ray_map: RayMap) -> None:
+    """Compare what the footer lists and repeats with the chunks that are there."""
+    footer = ray_map.footer_chunk
+    if footer is None:
+        return
+    channel_sets: list[ChannelSet] = []
+    runs: list[dict[str, Any]] = []
+    found: list[int] = []
+    try:
+        for item in ray_map.file.walk(FILE_HEADER_SIZE, footer.offset):
+            if isinstance(item, Gap):
+                raise FormatError(f"bytes {item.offset}–{item.end - 1} are no chunk")
+            found.append(item.offset)
+            if item.tag == CHANNELS:
+                channel_sets.append(read_channel_set(ray_map.file, item))
+            elif item.tag == RUN:
+                runs.append(read_run(ray_map.file, item))
+        listed = [portion.offset for portion in ray_map.portions]
+        listed += [offset for offset, _ in ray_map.other_chunks]
+        if sorted({*found[:1], *listed}) != found:
+            raise FormatError("the index does not list the chunks that are there")
+        if channel_sets != ray_map.own_channel_sets:
+            raise FormatError("its channel sets are not those of the map")
+        # A run that ended has more to say than when it began
+        nothing: dict[str, Any] = {}
+        for begun, ended in zip_longest(runs, ray_map.runs, fillvalue=nothing):
+            if any(ended.get(key) != value for key, value in begun.items()):
+                raise FormatError("its runs are not those of the map")
+    except FormatError as error:
+        size = footer.header.size
+        ray_map.note_damage(Damage(None, footer.offset, size, f"footer: {error}"))
+
+
+def _check_results(ray_map: RayMap, counted: dict[tuple[int, int], tuple[Sums, Sums]]) -> None:
+    """Compare the sums that are kept of detectors with those of the rays."""
+    for (number, channel_set), sums in counted.items():
+        detector = ray_map.directory.detectors[number]
+        stated = ray_map.detector_result(detector.name, channel_set)
+        stored = any(p.n_rays and p.channel_set == channel_set for p in ray_map.portions)
+        if stated is None or is_pinhole(detector) or not stored:
+            continue
+        for mine, theirs in zip(sums, stated, strict=True):
+            slack = 1e-7 * max(float(np.abs(mine).max(initial=0.0)), 1.0)
+            if not np.allclose(mine, theirs, rtol=1e-6, atol=slack):
+                offset = next(at for at, tag in ray_map.other_chunks if tag == DETECTOR)
+                reason = f"sums of detector {detector.name!r} contradict the rays"
+                ray_map.note_damage(Damage(None, offset, 0, reason))
 
 
 def _lost(ray_map: RayMap) -> list[Damage]:
@@ -105,7 +178,8 @@ def portion_problem(portion: StoredPortion) -> str | None:
         content = portion.read()
         check_portion(content, portion.map.directory, portion.map.channel_sets[portion.channel_set])
         if portion.has_paths:
-            return FALSE_RAYS if portion.false_rays else false_sums(portion) or None
+            sums = false_sums(portion)
+            return FALSE_RAYS if portion.false_rays else sums or None
     except DamagedPortion as error:
         return error.reason or str(error)
     except (FormatError, InvalidPortion) as error:

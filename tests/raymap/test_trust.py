@@ -1,0 +1,191 @@
+"""Checksums that hold over values that lie: nothing false is served without a word.
+
+The right answers are those of the map before its values were changed.
+"""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+import query
+import raymap
+import raymap.reader
+from raymap.layout import FOOTER, PORTION
+from raymap.verify import verify
+from tests.fuzz.fuzz_values import Seed, put_together
+from tests.raymap.maps import write_small
+
+_QUESTIONS = ('hit("*", reflected)', "length > 10", 'detected("sensor")', 'last(hit("*"))')
+
+
+@pytest.fixture
+def sound(tmp_path):
+    """A small map with dictionaries, taken apart."""
+    write_small(tmp_path / "sound.raymap", n_portions=3, n_rays=20, weighted=True)
+    return Seed("sound", tmp_path / "sound.raymap")
+
+
+def _columns(seed, tag):
+    return [{stream.name: stream for stream in p.streams} for p in seed.parts if p.tag == tag]
+
+
+def _answers(path, **options):
+    with raymap.open(path, **options) as ray_map:
+        return [
+            (found.matched, pytest.approx(found.flux), found.ray_ids.tolist())
+            for found in (query.select(ray_map, text, threads=2) for text in _QUESTIONS)
+        ]
+
+
+def _lie(seed, where):
+    """Change a value of the footer so that the index alone cannot tell."""
+    [footer] = _columns(seed, FOOTER)
+    if where == "lengths":
+        # A path takes a point from the next one: compiled loops would leave the records
+        lengths = footer["path.length"].values
+        long = int(np.argmax(lengths))
+        other = (long + 1) % len(lengths)
+        if lengths[long] == lengths[other]:
+            pytest.skip("all paths are of one length")
+        lengths[long], lengths[other] = lengths[other], lengths[long]
+        order = _swapped_points(lengths, long, other)
+        for name in ("object", "face", "event", "medium", "meetings"):
+            column = footer[f"path.{name}"]
+            column.values = column.values[order]
+        _swap_meetings(footer, order)
+    elif where == "numbers":
+        numbers = footer["local_to_global"].values
+        numbers[[0, 1]] = numbers[[1, 0]]
+    elif where == "rays":
+        rays = footer["path.rays"].values
+        rays[0], rays[1] = rays[0] + 1, rays[1] - 1
+    elif where == "weights":
+        footer["path.sum_w"].values[0] *= 2
+        for name, stream in footer.items():
+            if name.startswith("path.sum_wc"):
+                stream.values[0] *= 2
+    elif where == "media":
+        media = footer["path.medium"].values
+        media[0] = 1 - max(int(media[0]), 0)
+
+
+def _swapped_points(lengths, a, b):
+    """Order of the points when two paths change places; ``lengths`` are those afterwards."""
+    before = lengths.astype(np.int64)
+    before[[a, b]] = before[[b, a]]
+    offsets = np.concatenate(([0], np.cumsum(before)))
+    places = list(range(len(lengths)))
+    places[a], places[b] = b, a
+    return np.concatenate([np.arange(offsets[p], offsets[p + 1]) for p in places])
+
+
+def _swap_meetings(footer, order):
+    before = np.empty(len(order), np.int64)
+    before[order] = footer["path.meetings"].values
+    offsets = np.concatenate(([0], np.cumsum(before, dtype=np.int64)))
+    rows = np.concatenate([np.arange(offsets[p], offsets[p + 1]) for p in order])
+    for name in ("detector", "registered"):
+        footer[f"path.{name}"].values = footer[f"path.{name}"].values[rows.astype(np.int64)]
+
+
+_LIES = ("lengths", "numbers", "rays", "weights", "media")
+
+
+@pytest.mark.parametrize("lie", _LIES)
+@pytest.mark.parametrize("large", [False, True], ids=["small", "large"])
+def test_a_footer_that_lies_changes_no_answer_about_rays(sound, tmp_path, lie, large, monkeypatch):
+    """Maps too large to be compared at once are compared where their rays are read."""
+    if large:
+        monkeypatch.setattr(raymap.reader, "COMPARED_RAYS", 0)
+    honest = _answers(tmp_path / "sound.raymap")
+    _lie(sound, lie)
+    path = tmp_path / "false.raymap"
+    path.write_bytes(put_together(sound.parts))
+    with raymap.open(path, on_damage="skip") as ray_map:
+        found = verify(ray_map)
+    assert [damage.portion for damage in found.damage] == [None]
+    assert found.good == 3
+    if not large:
+        assert _answers(path, on_damage="skip") == honest
+        with pytest.warns(raymap.DamageWarning, match="nothing is lost"):
+            assert _answers(path) == honest
+    elif lie in ("lengths", "numbers", "media"):
+        # The question that reads rays finds the lie, and all that is asked afterwards is true
+        with raymap.open(path, on_damage="skip") as ray_map:
+            wanted = query.select(ray_map, "length > 10")
+            assert wanted.matched == honest[1][0]
+            assert wanted.ray_ids.tolist() == honest[1][2]
+            assert ray_map.damage
+            assert ray_map.merged is None
+            assert query.select(ray_map, 'detected("sensor")').matched == honest[2][0]
+
+
+def test_counts_of_a_portion_are_counted_and_not_believed(sound, tmp_path):
+    honest = _answers(tmp_path / "sound.raymap")
+    for portion in _columns(sound, PORTION):
+        rays = portion["path.rays"].values
+        rays[0], rays[1] = rays[0] + 1, rays[1] - 1
+    [footer] = _columns(sound, FOOTER)
+    rays = footer["path.rays"].values
+    rays[0], rays[1] = rays[0] + 3, rays[1] - 3
+    path = tmp_path / "false.raymap"
+    path.write_bytes(put_together(sound.parts))
+    with raymap.open(path, on_damage="skip") as ray_map:
+        found = verify(ray_map)
+    assert found.good == 0
+    assert found.rays_readable == 60
+    assert _answers(path, on_damage="skip") == honest
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", raymap.DamageWarning)
+        with raymap.open(path) as ray_map, pytest.raises(raymap.DamagedPortion, match="counted"):
+            query.select(ray_map, "length > 10")
+
+
+@pytest.mark.parametrize("name", ["path.sum_w", "path.sum_w2", "path.sum_wc"])
+def test_sums_of_a_portion_are_compared_with_its_rays(sound, tmp_path, name):
+    _columns(sound, PORTION)[1][name].values.reshape(-1)[0] *= 1.001
+    path = tmp_path / "false.raymap"
+    path.write_bytes(put_together(sound.parts))
+    with raymap.open(path, on_damage="skip") as ray_map:
+        found = verify(ray_map)
+    assert 1 in [damage.portion for damage in found.damage]
+    assert found.rays_readable == 60
+
+
+def test_a_face_of_another_object_is_damage(tmp_path):
+    """Nothing reads columns that were made for it, but never filled."""
+    write_small(tmp_path / "sound.raymap", n_portions=2, n_rays=20, n_paths=None)
+    seed = Seed("plain", tmp_path / "sound.raymap")
+    columns = _columns(seed, PORTION)[0]
+    box = np.flatnonzero(columns["path.object"].values == 1)
+    assert len(box)
+    columns["path.face"].values[box[0]] = 0
+    path = tmp_path / "false.raymap"
+    path.write_bytes(put_together(seed.parts))
+    with raymap.open(path, on_damage="skip") as ray_map:
+        found = verify(ray_map)
+        assert [damage.portion for damage in found.damage] == [0]
+        with pytest.raises(raymap.DamagedPortion, match="face that its object does not have"):
+            ray_map.portions[0].column("triangle")
+
+
+def test_an_untouched_map_is_sound(sound, tmp_path):
+    path = tmp_path / "again.raymap"
+    path.write_bytes(put_together(sound.parts))
+    for each in (path, tmp_path / "sound.raymap"):
+        with raymap.open(each) as ray_map:
+            assert verify(ray_map).damage == []
+
+
+def test_a_damaged_footer_closes_no_map(sound, tmp_path):
+    honest = _answers(tmp_path / "sound.raymap")
+    [footer] = _columns(sound, FOOTER)
+    footer["portion.n_records"].values[0] += 1
+    path = tmp_path / "false.raymap"
+    path.write_bytes(put_together(sound.parts))
+    with pytest.warns(raymap.DamageWarning, match="footer"):
+        assert _answers(path) == honest
+    assert _answers(path, on_damage="skip") == honest
