@@ -113,7 +113,9 @@ class Binder:
 
     def _hit(self, node: c.Hit, text: str) -> b.BoundNode:
         matches = []
-        for pattern in node.names:
+        # In a map of sources and detectors alone "any surface" is none, not a name that is wrong
+        patterns = node.names if self.directory.objects else [x for x in node.names if x != "*"]
+        for pattern in patterns:
             try:
                 matches.append(match_objects(pattern, self.names))
             except UnknownName as error:

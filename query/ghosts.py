@@ -255,6 +255,7 @@ def ghost_table(
     CriterionError
         for a number of reflections below 1.
     """
+    map.need_rays()
     if reflections < 1:
         raise CriterionError(f"a ghost has 1 or more reflections, not {reflections}")
     asked: list[c.Criterion] = [] if detector is None else [detected(detector)]

@@ -139,6 +139,7 @@ class Scan:
         cancel: Cancel = None,
         use_merged: bool = True,
     ) -> None:
+        map.need_rays()
         self.map, self.nodes = map, tuple(nodes)
         self.keep_masks = rays
         self.visitor, self.take, self.plain_only = visit, take, plain_only

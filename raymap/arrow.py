@@ -62,6 +62,7 @@ def export(
     NotWritten
         The system refuses to write.
     """
+    ray_map.need_rays()
     target = Path(path)
     is_free = target.is_dir() and not any(target.iterdir())
     refuse_existing(target, force=force or is_free)

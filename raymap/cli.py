@@ -285,6 +285,9 @@ def _print_summary(summary: dict[str, Any]) -> None:
         + (f" ({per_record:.2f} per record)" if per_record else "")
         + f", {state}"
     )
+    if summary["without_rays"]:
+        emitted = sum(summary["emitted"].values())
+        console.print(f"recorded with --no-rays: what detectors counted of {emitted:,.0f} rays")
     for kind in ("sources", "objects", "faces", "detectors", "media"):
         names = summary[kind]
         shown = ", ".join(names[:12]) + (f", … ({len(names)})" if len(names) > 12 else "")

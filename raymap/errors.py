@@ -17,6 +17,7 @@
     ├── CriterionError (ValueError)         a criterion cannot be read
     │   └── UnknownName (KeyError)          it names something the map does not have
     ├── RayNotFound (KeyError)              no ray has this number
+    ├── NoRays (ValueError)                 the map was recorded without rays
     └── MissingExtra (ImportError)          an optional package is needed
 
 Every message says what is wrong, where, what is lost, and what to do next.
@@ -35,6 +36,7 @@ __all__ = [
     "MapLocked",
     "MeasurementError",
     "MissingExtra",
+    "NoRays",
     "NotARayMap",
     "RayMapError",
     "RayNotFound",
@@ -113,6 +115,10 @@ class UnknownName(CriterionError, KeyError):
 
 class RayNotFound(RayMapError, KeyError):
     """No ray of the map has this number."""
+
+
+class NoRays(RayMapError, ValueError):
+    """The map holds only what detectors counted; rays cannot be asked for."""
 
 
 class MissingExtra(RayMapError, ImportError):

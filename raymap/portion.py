@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Descriptors", "Portion"]
+__all__ = ["Descriptors", "Portion", "empty_portion"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -103,3 +103,22 @@ class Portion:
     @property
     def n_records(self) -> int:
         return len(self.object)
+
+
+def empty_portion(emitted: NDArray[np.int64], n_channels: int) -> Portion:
+    """A portion without rays: it only says how many each source emitted."""
+    return Portion(
+        emitted=emitted,
+        source=np.empty(0, np.int16),
+        records_per_ray=np.empty(0, np.int32),
+        position=np.empty((0, 3), np.float32),
+        normal=np.empty((0, 3), np.int16),
+        object=np.empty(0, np.int16),
+        triangle=np.empty(0, np.int32),
+        event=np.empty(0, np.int32),
+        medium=np.empty(0, np.int16),
+        color_code=np.empty(0, np.int32),
+        color_table=np.empty((0, n_channels), np.uint16),
+        descriptor_count=np.empty(0, np.uint16),
+        descriptors=Descriptors.empty(),
+    )

@@ -26,7 +26,14 @@ from raymap.description import (
     read_run,
 )
 from raymap.directory import ChannelSet, DisplayMesh
-from raymap.errors import DamagedPortion, DamageWarning, FormatError, NotARayMap, RayNotFound
+from raymap.errors import (
+    DamagedPortion,
+    DamageWarning,
+    FormatError,
+    NoRays,
+    NotARayMap,
+    RayNotFound,
+)
 from raymap.footer import Footer, IndexEntry, find_footer, read_footer, read_merged
 from raymap.layout import CHANNELS, DETECTOR, DIRECTORY, FILE_HEADER_SIZE, PORTION, RUN
 from raymap.paths import MergedPaths
@@ -62,6 +69,10 @@ class Damage:
     offset: int
     length: int
     reason: str
+
+
+NO_RAYS = "no_rays"
+"""Parameter of a run that stored no rays, only what the detectors counted."""
 
 
 class RayMap:
@@ -134,6 +145,26 @@ class RayMap:
     def rays(self) -> int:
         """Rays stored."""
         return sum(portion.n_rays for portion in self.portions)
+
+    @property
+    def without_rays(self) -> bool:
+        """The trace stored no rays, only what the detectors counted."""
+        return not self.rays and any(
+            (run.get("parameters") or {}).get(NO_RAYS) for run in self.runs
+        )
+
+    def need_rays(self) -> None:
+        """Refuse what speaks about rays.
+
+        Raises
+        ------
+        NoRays
+        """
+        if self.without_rays:
+            raise NoRays(
+                f"{self.path} holds no rays, only what its detectors counted (it was recorded "
+                "with --no-rays): raymap info, image and chart read it"
+            )
 
     @property
     def records(self) -> int:
@@ -270,8 +301,9 @@ class RayMap:
 
         Raises
         ------
-        RayNotFound
+        RayNotFound, NoRays
         """
+        self.need_rays()
         place = bisect.bisect_left(self.portions, ray_id, key=lambda portion: portion.last_ray)
         while place < len(self.portions):
             portion = self.portions[place]
@@ -474,6 +506,7 @@ class RayMap:
             "bytes": self.bytes,
             "bytes_per_record": self.bytes / records if records else None,
             "finished": self.finished,
+            "without_rays": self.without_rays,
             "sources": [source.name for source in directory.sources],
             "objects": [item.name for item in directory.objects],
             "faces": list(directory.faces.names),

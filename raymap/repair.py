@@ -66,17 +66,17 @@ def repair(ray_map: RayMap, path: str | os.PathLike[str], *, force: bool = False
             written += 1
             count_meetings(portion, results)
         _copy_unknown(ray_map, writer)
-        _keep_pictures(ray_map, results)
+        _keep_sums(ray_map, results)
         for (detector, index), (sums, sums2) in results.items():
             writer.add_detector_result(detector, sums, sums2, channel_set=index)
         writer.finish()
     return written
 
 
-def _keep_pictures(ray_map: RayMap, results: dict[tuple[int, int], tuple[Sums, Sums]]) -> None:
-    """Carry pictures along that no ray made, unless some of what they were summed over is lost."""
+def _keep_sums(ray_map: RayMap, results: dict[tuple[int, int], tuple[Sums, Sums]]) -> None:
+    """Carry sums along that no stored ray made, unless some of what they speak of is lost."""
     for number, detector in enumerate(ray_map.directory.detectors):
-        if not is_pinhole(detector):
+        if not (is_pinhole(detector) or ray_map.without_rays):
             continue
         for index in range(len(ray_map.channel_sets)):
             results.pop((number, index), None)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.errors import DamagedPortion
-from raymap.portion import Descriptors, Portion
+from raymap.portion import Portion, empty_portion
 from raymap.reader import RayMap
 from raymap.replacing import refuse_existing, replacing
 from raymap.rows import can_join, join_portions, take_rays
@@ -47,8 +47,9 @@ def copy_selection(
 
     Raises
     ------
-    MapExists, NotWritten
+    MapExists, NotWritten, NoRays
     """
+    ray_map.need_rays()
     target = Path(path)
     refuse_existing(target, force=force)
     wanted = np.unique(np.asarray(ray_ids, np.int64))
@@ -122,21 +123,7 @@ def _with_emitted(portion: Portion, emitted: NDArray[np.int64]) -> Portion:
 def _empty(ray_map: RayMap) -> Portion:
     """A portion without rays."""
     channels = ray_map.channel_sets[0].n_channels if ray_map.channel_sets else 3
-    return Portion(
-        emitted=np.zeros(len(ray_map.directory.sources), np.int64),
-        source=np.empty(0, np.int16),
-        records_per_ray=np.empty(0, np.int32),
-        position=np.empty((0, 3), np.float32),
-        normal=np.empty((0, 3), np.int16),
-        object=np.empty(0, np.int16),
-        triangle=np.empty(0, np.int32),
-        event=np.empty(0, np.int32),
-        medium=np.empty(0, np.int16),
-        color_code=np.empty(0, np.int32),
-        color_table=np.empty((0, channels), np.uint16),
-        descriptor_count=np.empty(0, np.uint16),
-        descriptors=Descriptors.empty(),
-    )
+    return empty_portion(np.zeros(len(ray_map.directory.sources), np.int64), channels)
 
 
 def _joined(portions: Iterator[Portion]) -> Iterator[Portion]:

@@ -63,7 +63,7 @@ def record(
         typer.Option("--compact", help="Write the smallest file; slower to write and to read."),
     ] = False,
     no_rays: Annotated[
-        bool, typer.Option("--no-rays", help="Store no rays: detector results only.")
+        bool, typer.Option("--no-rays", help="Store no rays, only what detectors count.")
     ] = False,
     scheduler: Annotated[
         str | None,
@@ -91,7 +91,7 @@ def record(
     with warnings_on_stderr(), _Display(quiet=json) as display, workers as executor:
         result = record_scene(
             loaded,
-            output if not no_rays else None,
+            output,
             rays=rays,
             seconds=seconds,
             threads=threads,

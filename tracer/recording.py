@@ -10,7 +10,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,8 +19,10 @@ from raymap.cluster import shares_memory
 from raymap.encoder import EncodedPortion, PortionEncoder
 from raymap.errors import MapExists, RayMapError, SceneError
 from raymap.portion import Portion
+from raymap.reader import NO_RAYS
 from raymap.schema import PORTION_RAYS, PORTION_RECORDS
 from raymap.writer import RayMapWriter
+from tracer.counted_map import write_counts
 from tracer.counts import Counts
 from tracer.engine.wavefront import Wavefront
 from tracer.pieces import copied, split_portion
@@ -67,14 +69,14 @@ def record(
     Parameters
     ----------
     scene : a scene file, a `Scene`, or the result of `compile_scene`
-    path : of the map; None with ``no_rays``
+    path : of the map; it may be None with ``no_rays``
     rays, seconds : when to stop; a million rays where neither is given
     threads : worker threads, all processors by default
     seed : of the random numbers; by default that of the map when it is continued, else 1
     append : continue a map of the same scene; ``force``: write over an existing one
     raw : store streams uncompressed, for debugging
     compact : the smallest file, which takes longer to write and to read
-    no_rays : trace for the detectors' results only
+    no_rays : trace for the detectors' results only; a map that is written has no rays
     portion_rays : rays per portion; the map's content does not depend on it
     progress : called after every portion, in the calling thread
     executor : runs the trace instead of a thread pool. One whose tasks run in other processes or on
@@ -88,8 +90,10 @@ def record(
     SceneError, MapExists, MapLocked, SceneMismatch
     """
     compilation = _compiled(scene)
-    if (path is None) != no_rays:
+    if path is None and not no_rays:
         raise SceneError("name the map to write (or ask for detector results only with no_rays)")
+    if no_rays and append:
+        raise SceneError("a map cannot be continued without rays: leave out --append, or --no-rays")
     if rays is not None and rays < 1:
         raise SceneError(f"rays must be at least 1, not {rays}")
     if seed is not None and not 0 <= seed < 2**63:
@@ -109,7 +113,7 @@ def record(
         if compilation.arrays.rare is not None:
             refuse_pinholes(compilation, "the weighted one")
     if executor is not None and not here:
-        if path is None:
+        if no_rays or path is None:
             raise SceneError("detector results only (no_rays) need an executor of this process")
         if not isinstance(compilation, Compilation):
             raise SceneError("scenes with crystals are traced in this process: drop the executor")
@@ -127,6 +131,15 @@ def record(
     with _writer(
         Path(path), compilation, append=append, force=force, raw=raw, compact=compact
     ) as writer:
+        if no_rays:
+            run = _Run(compilation, None, rays, seconds, seed, count, portion_rays, progress)
+            run.cancel = cancel
+            result = run.go(executor)
+            statistics = _statistics(result.rays, result.seconds, result.audit, result.interrupted)
+            write_counts(
+                writer, compilation.channel_set, result.counts, seed=run.seed, statistics=statistics
+            )
+            return replace(result, bytes=writer.bytes_written)
         run = _Run(compilation, writer, rays, seconds, seed, count, portion_rays, progress)
         run.cancel = cancel
         return run.go(executor)
@@ -194,9 +207,15 @@ def _writer(
     compact: bool,
 ) -> RayMapWriter:
     if append and path.exists():
-        return RayMapWriter.append_to(
+        writer = RayMapWriter.append_to(
             path, compilation.directory, raw=raw, compact=compact, trusted=True
         )
+        if any((run.get("parameters") or {}).get(NO_RAYS) for run in writer.runs):
+            writer.close()
+            raise SceneError(
+                f"{path} was recorded with --no-rays and cannot be continued; record another map"
+            )
+        return writer
     return RayMapWriter.create(
         path,
         compilation.directory,
@@ -280,12 +299,7 @@ class _Run:
         elapsed = time.perf_counter() - began
         if self.writer:
             self.writer.finish(
-                {
-                    "rays": self.tally.rays,
-                    "seconds": elapsed,
-                    "audit": self.tally.audit(),
-                    "interrupted": interrupted,
-                }
+                _statistics(self.tally.rays, elapsed, self.tally.audit(), interrupted)
             )
             elapsed = time.perf_counter() - began
         for note in notes:
@@ -413,6 +427,13 @@ class _Run:
             self.tally.share("errors"),
             self.compilation.scene.limits.depth,
         )
+
+
+def _statistics(
+    rays: int, seconds: float, audit: dict[str, dict[str, float]], interrupted: bool
+) -> dict[str, Any]:
+    """What a map tells of a run that ended."""
+    return {"rays": rays, "seconds": seconds, "audit": audit, "interrupted": interrupted}
 
 
 def _pinholes(compilation: Compilation | CrystalCompilation) -> Pinholes | None:

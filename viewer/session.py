@@ -43,6 +43,7 @@ class Session:
     """
 
     def __init__(self, ray_map: RayMap, state: ViewState | None = None) -> None:
+        ray_map.need_rays()
         self.map = ray_map
         self.state = state or ViewState()
         self.painter = Painter(load_bodies(ray_map.directory, ray_map.meshes), ray_map.directory)
