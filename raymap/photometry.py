@@ -193,7 +193,8 @@ class Photometry:
 
     def result_factor(self, emitted: Ints) -> float:
         """Watt of one unit of the sums of a detector."""
-        return float(self.radiant_fluxes.sum()) / max(float(np.sum(emitted)), 1.0)
+        lit = np.asarray(emitted) > 0
+        return float(self.radiant_fluxes[lit].sum()) / max(float(np.sum(emitted)), 1.0)
 
 
 def _as_stored(colors: Floats) -> Floats:
