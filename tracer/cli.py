@@ -221,11 +221,13 @@ def check(
     json: Json = False,
 ) -> None:
     """Validate a scene without tracing it; of a lens, first-order data and a section drawing."""
+    from tracer.scene.load import load_scene
     from tracer.studies.lens import examine
 
-    loaded = _load(scene, variant, simulation)
-    with warnings_on_stderr():
+    with warnings_on_stderr() as said:
+        loaded = load_scene(scene, variants=variant or (), simulation=simulation)
         report = examine(loaded)
+    report["warnings"] = [*dict.fromkeys([*said, *report.get("warnings", [])])]
     if scene.suffix.lower() != ".toml":
         report |= _design(scene)
     if output is not None:

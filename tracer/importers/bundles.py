@@ -17,11 +17,12 @@ from raymap.errors import SceneError
 from tracer.importers.prescription import FieldPoint
 from tracer.importers.sequence import Sequence, ThroughRays
 
-__all__ = ["Bundles", "FieldOrigin"]
+__all__ = ["Bundles", "FieldOrigin", "LitField"]
 
 Array = NDArray[np.float64]
 
 EDGE_RAYS = 24
+PUPIL_RINGS = 24
 _STEPS = 40
 
 
@@ -35,6 +36,32 @@ class FieldOrigin:
 
     slope: tuple[float, float] | None = None
     height: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LitField:
+    """A field whose light gets through the stop.
+
+    Attributes
+    ----------
+    number : from 1, as the file counts
+    field, origin : what the file says of it, and where its light comes from
+    centre : (2,) where its chief ray crosses the tangent plane of surface 1
+    edge : (n, 2) where rays at the edge of the stop do; those that get through
+    """
+
+    number: int
+    field: FieldPoint
+    origin: FieldOrigin
+    centre: Array
+    edge: Array
+
+    @property
+    def pupil(self) -> Array:
+        """(n, 2) places over the whole pupil, evenly from its centre to its edge."""
+        shares = np.linspace(0.0, 1.0, PUPIL_RINGS + 1)
+        spokes = self.centre + shares[:, None, None] * (self.edge - self.centre)
+        return np.asarray(spokes.reshape(-1, 2))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -269,18 +296,81 @@ class Bundles:
             raise self.fail("fields are image heights, but the lens has no power")
         return float(chief[0][last] - chief[1][last] * axial[0][last] / axial[1][last])
 
+    @cached_property
+    def lit(self) -> tuple[LitField, ...]:
+        """The fields whose light gets through the stop and the apertures that the file fixes."""
+        found = []
+        for number, (field, origin) in enumerate(
+            zip(self.sequence.prescription.fields, self.origins, strict=True), 1
+        ):
+            lit = self.light_of(origin, number, field)
+            if lit is not None:
+                found.append(lit)
+        return tuple(found)
+
+    @property
+    def dark(self) -> tuple[tuple[int, FieldPoint], ...]:
+        """Numbers and fields of which no light gets through."""
+        lit = {field.number for field in self.lit}
+        fields = enumerate(self.sequence.prescription.fields, 1)
+        return tuple((number, field) for number, field in fields if number not in lit)
+
+    def light_of(
+        self, origin: FieldOrigin, number: int = 0, field: FieldPoint | None = None
+    ) -> LitField | None:
+        """The light of a field over the whole stop; None where nothing gets through."""
+        edge, centre = self.edge(origin), self.chief(origin)
+        edge = edge[np.isfinite(edge).all(axis=1)]
+        if not len(edge):
+            return None
+        if not np.isfinite(centre).all():
+            centre = edge.mean(axis=0)
+        lit = LitField(
+            number=number,
+            field=field or FieldPoint(x=0.0, y=0.0),
+            origin=origin,
+            centre=centre,
+            edge=edge,
+        )
+        points = self.trace(origin, lit.pupil).points
+        limits = [
+            np.inf if surface.automatic or surface.semi_diameter is None else surface.semi_diameter
+            for surface in self.sequence.surfaces[:-1]
+        ]
+        return lit if self.passes(points[:-1], np.array(limits)).any() else None
+
+    def passes(self, points: Array, limits: Array) -> NDArray[np.bool_]:
+        """(n_rays,) whether rays pass surfaces (n_surfaces,) within these radii."""
+        with np.errstate(invalid="ignore"):
+            across = np.hypot(points[1:, :, 0], points[1:, :, 1])
+            inside = across <= limits[1:, None] * (1.0 + 1e-9)
+        return np.asarray(inside.all(axis=0))
+
     # -- what the light needs --------------------------------------------------------------------
 
     @cached_property
     def reach(self) -> Array:
         """(n_surfaces,) largest distance from the axis of the light of all fields."""
         reach = np.zeros(len(self.sequence.surfaces))
-        for origin, field in zip(self.origins, self.sequence.prescription.fields, strict=True):
-            edge = self.edge(origin, field)
+        for lit in self.lit:
+            edge = self.edge(lit.origin, lit.field)
             for channel in range(len(self.sequence.prescription.wavelengths_nm)):
-                points = self.trace(origin, edge, channel).points
+                points = self.trace(lit.origin, edge, channel).points
                 across = np.hypot(points[:, :, 0], points[:, :, 1])
                 reach = np.fmax(
                     reach, np.nanmax(np.where(np.isfinite(across), across, 0.0), axis=1)
                 )
         return reach
+
+    def image_light(self, limits: Array) -> Array:
+        """(n, 3) where light over the whole pupil of all fields and wavelengths meets the image.
+
+        ``limits`` (n_surfaces,) are the radii within which it passes the surfaces.
+        """
+        ends = [np.empty((0, 3))]
+        axis = self.light_of(self.axis)
+        for lit in (*self.lit, *((axis,) if axis else ())):
+            for channel in range(len(self.sequence.prescription.wavelengths_nm)):
+                points = self.trace(lit.origin, lit.pupil, channel).points
+                ends.append(points[-1, self.passes(points, limits)])
+        return np.concatenate(ends)

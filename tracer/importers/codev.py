@@ -2,7 +2,9 @@
 
 A file is a list of commands, split by line ends and semicolons; ``&`` goes on with the next line
 and ``!`` begins a comment. ``S radius thickness glass`` starts a surface, the commands after it say
-more about it. Commands that do not describe the lens are passed over.
+more about it; ``THI S2 5`` speaks about a surface by its number, wherever it stands. A command is
+read, or known to be harmless (`tracer.importers.codev_words`), or else warned about or refused by
+name: none is passed over.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ from pathlib import Path
 from typing import Literal
 
 from raymap.errors import SceneError
+from tracer.importers.codev_words import APERTURES_NOT_ROUND, HARMLESS, MOVED, NOT_TAKEN, TYPES
 from tracer.importers.prescription import (
     Aperture,
     FieldKind,
@@ -24,6 +27,7 @@ from tracer.importers.prescription import (
     ImportWarning,
     LensSurface,
     Prescription,
+    ThicknessSolve,
 )
 from tracer.importers.text import read_text
 
@@ -36,17 +40,16 @@ _FIELDS: dict[str, FieldKind] = {
     "IM": "paraxial_image_height",
     "RI": "real_image_height",
 }
+_LISTS = {
+    "WL", "WTW", "WTF", "REF", "VUX", "VLX", "VUY", "VLY",
+    *(f"{axis}{letters}" for axis in "XY" for letters in _FIELDS),
+}  # fmt: skip
 _COEFFICIENTS = "ABCDEFGHJ"
 _MOST_COEFFICIENTS = 6
-_MOVED = {"XDE", "YDE", "ZDE", "ADE", "BDE", "CDE"}
-_TYPES = {
-    "CYL": "a cylinder", "YTO": "a toroid", "XTO": "a toroid", "AAS": "an anamorphic asphere",
-    "SPS": "a special surface", "DIF": "a diffractive surface", "GRT": "a grating",
-    "HOE": "a hologram", "UDS": "a user-defined surface", "MFL": "an ideal lens module",
-    "FRE": "a Fresnel surface", "SCO": "a splined or Zernike surface", "BIR": "birefringent",
-    "GRI": "a gradient index",
-}  # fmt: skip
-_OTHER_APERTURES = {"REX", "REY", "ELX", "ELY"}
+_QUALIFIER = re.compile(r"([SFWZ])(\d+|O|I|A)(\.\.\w+)?", re.IGNORECASE)
+_SURFACE = re.compile(r"S(O|I|\d+)?", re.IGNORECASE)
+_NORMAL = {"TEM": (20.0, "°C"), "PRE": (760.0, "mm of mercury")}
+_LAURENT_GRID_NM = tuple(range(350, 1101, 25))
 
 
 def read_codev(path: str | Path) -> Prescription:
@@ -55,7 +58,7 @@ def read_codev(path: str | Path) -> Prescription:
     Raises
     ------
     SceneError
-        where the file is none, or has a surface that cannot be traced
+        where the file is none, or says what cannot be traced
     """
     return parse_codev(read_text(path), origin=Path(path).name)
 
@@ -63,35 +66,44 @@ def read_codev(path: str | Path) -> Prescription:
 def parse_codev(text: str, *, origin: str = "lens") -> Prescription:
     """As `read_codev`, from the text of a file."""
     reader = _Reader(origin)
-    for command in _commands(text):
-        reader.take(command)
+    for line, command in _commands(text):
+        reader.take(command, line)
     return reader.finish()
 
 
-def _commands(text: str) -> Iterator[list[str]]:
-    """Each command as its words; quotes keep a word together and are kept at its start."""
-    joined = re.sub(r"&[ \t]*(![^\n]*)?\n", " ", text.replace("\r\n", "\n").replace("\r", "\n"))
+def _commands(text: str) -> Iterator[tuple[int, list[str]]]:
+    """The line and the words of each command; quotes keep a word together and are kept."""
     words: list[str] = []
-    for word in re.findall(r"L?'[^'\n]*'|L?\"[^\"\n]*\"|![^\n]*|;|\n|[^\s;!'\"]+", joined):
-        if word.startswith("!"):
-            continue
-        if word in (";", "\n"):
-            if words:
-                yield words
+    began = 1
+    for number, line in enumerate(text.splitlines(), 1):
+        goes_on = False
+        for word in re.findall(r"L?'[^']*'|L?\"[^\"]*\"|!.*|;|&|[^\s;!'\"&]+|['\"]", line):
+            if word.startswith("!"):
+                break
+            goes_on = word == "&"
+            if word == ";":
+                if words:
+                    yield began, words
+                words = []
+            elif word != "&":
+                began = began if words else number
+                words.append(word)
+        if words and not goes_on:
+            yield began, words
             words = []
-        else:
-            words.append(word)
     if words:
-        yield words
+        yield began, words
 
 
 @dataclass
 class _Draft:
-    """A surface while its commands come in."""
+    """A surface while its commands come in; ``shape`` is a radius or a curvature."""
 
     shape: float
     thickness: float
     glass: str = ""
+    curvature: float | None = None
+    mirror: bool = False
     conic: float = 0.0
     terms: dict[int, float] = field(default_factory=dict)
     clear: float = 0.0
@@ -109,49 +121,116 @@ class _Reader:
         self.ended = False
         self.radius_mode = True
         self.mode_said = False
-        self.private: dict[str, tuple[tuple[float, float], ...]] = {}
+        self.private: dict[str, list[str]] = {}
         self.in_private = False
         self.private_nm: list[float] = []
         self.lists: dict[str, list[float]] = {}
         self.title = ""
         self.unit: Literal["mm", "cm", "m", "in"] = "mm"
         self.aperture = Aperture(kind="stop")
+        self.positions = 1
+        self.line = 1
+        self.spoken_of: int | None = None
+        self.solves: list[ThicknessSolve] = []
+        self.pickups: list[tuple[str, list[str]]] = []
+        self.unknown: dict[str, list[str]] = {}
+        self.not_taken: dict[str, str] = {}
 
     def fail(self, place: str, message: str) -> SceneError:
         return SceneError(f"{self.origin}: {place}: {message}")
 
+    def warn(self, message: str) -> None:
+        warnings.warn(f"{self.origin}: {message}", ImportWarning, stacklevel=2)
+
     @property
     def place(self) -> str:
-        return f"surface {len(self.drafts) - 1}" if self.drafts else "head"
+        if self.spoken_of is None:
+            return f"line {self.line}, head"
+        return f"line {self.line}, surface {self.spoken_of}"
 
     def number(self, words: list[str], index: int) -> float:
         """A number of a command."""
         shown = words[index] if index < len(words) else "nothing"
-        try:
-            value = float(shown.upper().replace("D", "E"))
-        except ValueError:
-            raise self.fail(
-                self.place, f"{shown!r} stands where {words[0]} expects a number"
-            ) from None
+        value = _as_number(shown)
+        if value is None:
+            raise self.fail(self.place, f"{shown!r} stands where {words[0]} expects a number")
         if math.isnan(value):
             raise self.fail(self.place, f"{words[0]} is not a number")
         return value
 
-    def take(self, words: list[str]) -> None:
+    # -- commands --------------------------------------------------------------------------------
+
+    def take(self, words: list[str], line: int) -> None:
         """One command."""
-        name = words[0].upper()[:3]
+        self.line = line
+        self.spoken_of = len(self.drafts) - 1 if self.drafts else None
+        name = words[0].upper()
         if self.in_private:
-            self._private(name, words)
-        elif name in ("SO", "SI", "S") or (name == "STO" and len(words) > 2):
+            self._private(name[:3], words)
+        elif name.startswith("ZOO"):
+            self._zoom(words)
+        elif _SURFACE.fullmatch(name):
             self._surface(name, words)
-        elif name in _HEAD:
+        elif name[:3] == "STO" and len(words) > 2:
+            self._surface("S", words)
+            self.drafts[-1].stop = True
+        else:
+            self._command(name[:3], words)
+
+    def _command(self, name: str, words: list[str]) -> None:
+        if name in _HEAD:
             _HEAD[name](self, words)
-        elif name in ("WL", "WTW", "WTF", "REF", "VUX", "VLX", "VUY", "VLY") or (
-            name[:1] in "XY" and name[1:] in _FIELDS
-        ):
-            self.lists[name] = [self.number(words, k) for k in range(1, len(words))]
-        elif self.drafts and not self.ended:
-            self._detail(name, words)
+        elif name in HARMLESS:
+            if name in ("SLB", "SLA") and self.drafts and len(words) > 1:
+                self.drafts[-1].label = words[-1].strip("'\"")
+        elif name in _LISTS:
+            self._list(name, words)
+        elif name == "PIK":
+            self.pickups.append((self.place, words))
+        else:
+            for plain in self._each_surface(words):
+                self._detail(name, plain)
+
+    def _each_surface(self, words: list[str]) -> Iterator[list[str]]:
+        """The command without its qualifier, once for each surface that it speaks of."""
+        kept, surfaces = [words[0]], None
+        for word in words[1:]:
+            # Qualifiers stand right behind the command; further on they belong to its values
+            match = _QUALIFIER.fullmatch(word) if len(kept) == 1 else None
+            if match is None:
+                kept.append(word)
+            elif match[1].upper() == "S":
+                surfaces = self._range(match, word)
+            elif match[1].upper() == "Z" and match[2] != "1":
+                return  # the warning of the zoom positions speaks of it
+            elif match[1].upper() != "Z":
+                kept.append(word)
+        if surfaces is None:
+            yield kept
+            return
+        for index in surfaces:
+            self.spoken_of = index
+            yield kept
+
+    def _range(self, match: re.Match[str], word: str) -> range:
+        ends = [match[2].upper()]
+        if match[3]:
+            ends.append(match[3][2:].upper().removeprefix("S"))
+        if ends == ["A"]:
+            return range(1, len(self.drafts) - self.ended)
+        numbers = [self._index(end, word) for end in ends]
+        return range(numbers[0], numbers[-1] + 1)
+
+    def _index(self, end: str, word: str) -> int:
+        if end == "O":
+            return 0
+        if end == "I" and self.ended:
+            return len(self.drafts) - 1
+        if end.isdigit() and int(end) < len(self.drafts):
+            return int(end)
+        raise self.fail(
+            f"line {self.line}", f"speaks of surface {word}, which does not stand before it"
+        )
 
     # -- the head --------------------------------------------------------------------------------
 
@@ -160,6 +239,8 @@ class _Reader:
         self.radius_mode = len(words) < 2 or words[1].upper().startswith("Y")
 
     def _title(self, words: list[str]) -> None:
+        if len(words) > 1 and _QUALIFIER.fullmatch(words[1]):
+            return
         self.title = " ".join(words[1:]).strip("'\"")
 
     def _unit(self, words: list[str]) -> None:
@@ -178,80 +259,187 @@ class _Reader:
         }  # fmt: skip
         self.aperture = Aperture(kind=kinds[name], value=value)
 
-    def _zoom(self, words: list[str]) -> None:
-        if len(words) > 1 and self.number(words, 1) > 1:
-            warnings.warn(
-                f"{self.origin}: is a zoom lens of {words[1]} positions; the first is read",
-                ImportWarning,
-                stacklevel=2,
+    def _air(self, words: list[str]) -> None:
+        name, value = words[0].upper()[:3], self.number(words, 1)
+        normal, unit = _NORMAL[name]
+        if value != normal:
+            self.warn(
+                f"line {self.line}: is for {value:g} {unit} ({name}); indices are taken at 20 °C "
+                "in air of 1 atm, lengths as they are stored"
             )
+
+    def _zoom(self, words: list[str]) -> None:
+        """``ZOO n``, or a command with a value for each of the n positions."""
+        count = _as_number(words[1]) if len(words) > 1 else None
+        if len(words) == 2 and count is not None and count.is_integer() and count >= 1.0:
+            self.positions = int(count)
+            if self.positions > 1:
+                self.warn(
+                    f"line {self.line}: is a zoom lens of {self.positions} positions (ZOO); the "
+                    "first is read"
+                )
+            return
+        if self.positions < 2 or len(words) < 2 + self.positions:
+            raise self.fail(
+                self.place,
+                f"{' '.join(words)} does not give a value for each of {self.positions} positions",
+            )
+        self.take([*words[1 : -self.positions], words[-self.positions]], self.line)
+
+    def _list(self, name: str, words: list[str]) -> None:
+        """Values of all fields or wavelengths, or of the one that a qualifier names."""
+        match = _QUALIFIER.fullmatch(words[1]) if len(words) > 1 else None
+        if match is None:
+            self.lists[name] = [self.number(words, k) for k in range(1, len(words))]
+            return
+        if match[1].upper() not in "FW" or match[3] or not match[2].isdigit() or match[2] == "0":
+            raise self.fail(self.place, f"{words[1]} is not understood after {name}")
+        values, index = self.lists.setdefault(name, []), int(match[2])
+        if index > 1000:
+            raise self.fail(self.place, f"there is no {words[1]}")
+        values.extend([1.0 if name.startswith("WT") else 0.0] * (index - len(values)))
+        values[index - 1] = self.number(words, 2)
 
     def _begin_private(self, words: list[str]) -> None:
         self.in_private = True
 
     def _private(self, name: str, words: list[str]) -> None:
-        """A line between PRV and END: wavelengths, or a glass and its indices."""
+        """A line between PRV and END: wavelengths, or a glass; it is read when it is used."""
         if name == "END":
             self.in_private = False
         elif name == "PWL":
             self.private_nm = [self.number(words, k) for k in range(1, len(words))]
-        elif words[0][0] in "'\"" or len(words) == len(self.private_nm) + 1:
-            values = [self.number(words, k) for k in range(1, len(words))]
-            if len(values) != len(self.private_nm):
-                raise self.fail("PRV", f"glass {words[0]} needs an index for each PWL wavelength")
-            key = words[0].strip("'\"").upper()
-            self.private[key] = tuple(zip(self.private_nm, values, strict=True))
+        elif words[0][0] in "'\"" or len(words) > 1:
+            self.private[words[0].strip("'\"").upper()] = words
+        else:
+            self.unknown.setdefault(f"{words[0]} (between PRV and END)", []).append(
+                f"line {self.line}"
+            )
 
     # -- surfaces --------------------------------------------------------------------------------
 
     def _surface(self, name: str, words: list[str]) -> None:
+        """``S``, ``SO``, ``SI`` or ``S3`` with radius, thickness, glass."""
+        if len(words) > 4:
+            raise self.fail(
+                f"line {self.line}",
+                f"{' '.join(words)!r} has more than a radius, a thickness and a glass",
+            )
+        if name[1:].isdigit() and int(name[1:]) < len(self.drafts):
+            self._changed(int(name[1:]), words)
+            return
+        if name[1:].isdigit() and int(name[1:]) != max(len(self.drafts), 1):
+            raise self.fail(
+                f"line {self.line}",
+                f"{name} stands where S{max(len(self.drafts), 1)} is expected; surfaces must be "
+                "numbered in their order",
+            )
+        if name == "SI" and self.ended:
+            self._changed(len(self.drafts) - 1, words)
+            return
         if self.ended:
-            raise self.fail(name, "stands after the image surface SI")
+            raise self.fail(f"line {self.line}, {name}", "stands after the image surface SI")
+        if name == "SO" and self.drafts:
+            raise self.fail(f"line {self.line}, SO", "stands after a surface; begin with it")
         if not self.drafts and name != "SO":
             self.drafts.append(_Draft(0.0, math.inf))
+        self.spoken_of = len(self.drafts)
         shape = self.number(words, 1) if len(words) > 1 else 0.0
         thickness = self.number(words, 2) if len(words) > 2 else 0.0
-        self.drafts.append(
-            _Draft(shape, thickness, words[3] if len(words) > 3 else "", stop=name == "STO")
-        )
+        self.drafts.append(_Draft(shape, thickness, words[3] if len(words) > 3 else ""))
         self.ended = name == "SI"
 
+    def _changed(self, index: int, words: list[str]) -> None:
+        """New values for a surface that stands already."""
+        self.spoken_of, draft = index, self.drafts[index]
+        if len(words) > 1:
+            draft.shape, draft.curvature = self.number(words, 1), None
+        if len(words) > 2:
+            draft.thickness = self.number(words, 2)
+        if len(words) > 3:
+            draft.glass = words[3]
+
     def _detail(self, name: str, words: list[str]) -> None:
-        """What a command says about the surface before it."""
-        draft = self.drafts[-1]
-        if name == "STO":
+        """What a command says about a surface."""
+        if name in NOT_TAKEN:
+            self.not_taken.setdefault(f"{name}: {NOT_TAKEN[name]}", self.place)
+        elif name in MOVED:
+            if any(self.number(words, k) != 0.0 for k in range(1, len(words))):
+                raise self.fail(
+                    self.place,
+                    f"is shifted or tilted ({' '.join(words)}), which is not understood; surfaces "
+                    "and apertures must stand about one axis",
+                )
+        elif name in TYPES:
+            raise self.fail(
+                self.place,
+                f"is {TYPES[name]} ({name}), which cannot be traced; spheres, conics and even "
+                "aspheres are understood: replace it in the design program",
+            )
+        elif name in APERTURES_NOT_ROUND:
+            self.warn(
+                f"{self.place}: its aperture {name} is {APERTURES_NOT_ROUND[name]}, not round, and "
+                "is left out; the semi-diameter is taken instead"
+            )
+        elif name in _OF_SURFACE or (len(name) == 1 and name in _COEFFICIENTS):
+            if self.spoken_of is None:
+                raise self.fail(self.place, f"{name} belongs to a surface, but none stands here")
+            self._set(name, words, self.drafts[self.spoken_of])
+        else:
+            self.unknown.setdefault(name, []).append(self.place)
+
+    def _set(self, name: str, words: list[str], draft: _Draft) -> None:
+        if name in _COEFFICIENTS:
+            draft.terms[_COEFFICIENTS.index(name)] = self.number(words, 1)
+        elif name == "STO":
+            for other in self.drafts:
+                other.stop = False
             draft.stop = True
         elif name == "K":
             draft.conic = self.number(words, 1)
-        elif len(name) == 1 and name in _COEFFICIENTS and len(words) > 1:
-            draft.terms[_COEFFICIENTS.index(name)] = self.number(words, 1)
-        elif name == "CIR":
-            self._circle(words)
-        elif name in ("SLB", "SLA") and len(words) > 1:
-            draft.label = words[1].strip("'\"")
-        elif name in _MOVED:
-            if len(words) > 1 and self.number(words, 1) != 0.0:
+        elif name == "CUF":
+            if self.number(words, 1) != 0.0:
                 raise self.fail(
-                    self.place,
-                    f"is shifted or tilted ({' '.join(words)}), which is not understood; place "
-                    "the bodies of a straight lens by position and rotation instead",
+                    self.place, "is a Fresnel surface on a curve (CUF), which cannot be traced"
                 )
-        elif name in _TYPES:
-            raise self.fail(
-                self.place,
-                f"is {_TYPES[name]} ({name}), which cannot be traced; spheres, conics and even "
-                "aspheres are understood: replace it in the design program",
-            )
-        elif name in _OTHER_APERTURES:
-            warnings.warn(
-                f"{self.origin}: {self.place}: its aperture {name} is not round and is left out",
-                ImportWarning,
-                stacklevel=2,
-            )
+        elif name == "CIR":
+            self._circle(words, draft)
+        elif name == "GLA":
+            draft.glass = words[1] if len(words) > 1 else ""
+        elif name == "RMD":
+            self._refract_mode(words, draft)
+        elif name == "PIM":
+            self.solves.append(ThicknessSolve(surface=self.spoken_of or 0))
+        elif len(words) > 1 and _as_number(words[1]) is None:
+            self._solve(name, words)
+        elif name == "THI":
+            draft.thickness = self.number(words, 1)
+        elif name == "RDY":
+            radius = self.number(words, 1)
+            draft.curvature = 1.0 / radius if radius else 0.0
+        else:
+            draft.curvature = self.number(words, 1)
 
-    def _circle(self, words: list[str]) -> None:
-        draft = self.drafts[-1]
-        kind = [word.upper() for word in words[1:-1] if not word.upper().startswith("L'")]
+    def _refract_mode(self, words: list[str], draft: _Draft) -> None:
+        mode = words[1].upper()[:4] if len(words) > 1 else ""
+        if mode not in ("REFL", "REFR"):
+            raise self.fail(
+                self.place, f"{' '.join(words)} is not understood; it may reflect or refract"
+            )
+        draft.mirror = mode == "REFL"
+
+    def _solve(self, name: str, words: list[str]) -> None:
+        """A thickness or curvature that follows from a ray: heights of the marginal ray count."""
+        if name == "THI" and words[1].upper() in ("HMY", "PIM"):
+            height = self.number(words, 2) if len(words) > 2 else 0.0
+            self.solves.append(ThicknessSolve(surface=self.spoken_of or 0, height=height))
+            return
+        self.warn(
+            f"{self.place}: the solve {' '.join(words)} is not evaluated; the stored value is taken"
+        )
+
+    def _circle(self, words: list[str], draft: _Draft) -> None:
+        kind = [word.upper() for word in words[1:-1] if not word.upper().startswith(("L'", 'L"'))]
         radius = abs(self.number(words, len(words) - 1))
         if "HOL" in kind:
             draft.hole = radius
@@ -259,6 +447,8 @@ class _Reader:
             draft.obscuration = radius
         elif "EDG" in kind:
             draft.edge = radius
+        elif kind and kind != ["CLR"]:
+            raise self.fail(self.place, f"{' '.join(words)} is not understood")
         else:
             draft.clear = radius
 
@@ -269,13 +459,41 @@ class _Reader:
         if name.upper() in ("REFL", "REF"):
             return None, True
         if name.upper() in self.private:
-            return GlassName(name=name, table=self.private[name.upper()]), False
+            return GlassName(name=name, table=self._private_table(name, place)), False
         code = re.fullmatch(r"(\d{3,9})[.:](\d{3,9})", name)
         if code:
             index = 1.0 + float(f"0.{code[1]}")
             return GlassName(name=name, model=(index, float(f"{code[2][:2]}.{code[2][2:]}"))), False
+        pair = re.fullmatch(r"(\d\.\d+):(\d+\.?\d*)", name)
+        if pair:
+            return GlassName(name=name, model=(float(pair[1]), float(pair[2]))), False
         stem, _, maker = name.partition("_")
         return GlassName(name=stem, maker=maker), False
+
+    def _private_table(self, name: str, place: str) -> tuple[tuple[float, float], ...]:
+        """Index of a private glass at wavelengths [nm]: as listed, or by a Laurent series."""
+        words = self.private[name.upper()]
+        if len(words) > 1 and words[1].upper() == "LAU":
+            terms = [self.number(words, k) for k in range(2, len(words))]
+            wavelengths = sorted({*_LAURENT_GRID_NM, *self.lists.get("WL", [])})
+            return tuple((nm, _laurent(terms, 1e-3 * nm, place, self)) for nm in wavelengths)
+        if len(words) > 1 and _as_number(words[1]) is None:
+            raise self.fail(
+                place,
+                f"its private glass {name} has the formula {words[1]}, which is not understood; "
+                "indices at the wavelengths PWL, or LAU, are",
+            )
+        values = [self.number(words, k) for k in range(1, len(words))]
+        if len(values) != len(self.private_nm):
+            raise self.fail("PRV", f"glass {words[0]} needs an index for each PWL wavelength")
+        return tuple(zip(self.private_nm, values, strict=True))
+
+    def _curvature(self, draft: _Draft) -> float:
+        if draft.curvature is not None:
+            return draft.curvature
+        if self.radius_mode:
+            return 1.0 / draft.shape if draft.shape else 0.0
+        return draft.shape
 
     def _built(self, number: int, draft: _Draft) -> LensSurface:
         place = f"surface {number}"
@@ -288,22 +506,20 @@ class _Reader:
             raise self.fail(
                 place, f"has the coefficient {letter}; A to F (up to r^14) can be traced"
             )
-        curvature = draft.shape
-        if self.radius_mode:
-            curvature = 1.0 / draft.shape if draft.shape else 0.0
         return LensSurface(
             number=number,
-            curvature=curvature,
+            curvature=self._curvature(draft),
             conic=draft.conic,
             aspheric=tuple(terms),
             thickness=math.inf if abs(draft.thickness) >= 1e10 else draft.thickness,
             glass=glass,
-            mirror=mirror,
+            mirror=mirror or draft.mirror,
             semi_diameter=draft.clear or None,
             automatic=not draft.clear,
             mechanical=draft.edge or None,
             hole=draft.hole,
             obscuration=draft.obscuration,
+            clips=bool(draft.clear),
             stop=draft.stop,
             label=draft.label,
         )
@@ -317,18 +533,21 @@ class _Reader:
                 "an image SI"
             )
         if not self.mode_said:
-            warnings.warn(
-                f"{self.origin}: does not say whether its surfaces have radii (RDM) or curvatures "
-                "(RDM N); they are read as radii",
-                ImportWarning,
-                stacklevel=2,
-            )
-        wavelengths = self.lists.get("WL") or [587.5618]
+            self._choose_mode()
+        self._pick_up()
+        self._say_what_is_left_out()
+        wavelengths = self.lists.get("WL", [])
+        if not wavelengths:
+            self.warn("gives no wavelengths (WL); 587.5618 nm is taken")
+            wavelengths = [587.5618]
         weights = self.lists.get("WTW") or []
         weights = [weights[k] if k < len(weights) else 1.0 for k in range(len(wavelengths))]
         if min(wavelengths) <= 0.0:
             raise self.fail("WL", "a wavelength must be positive")
         reference = self.lists.get("REF") or [1 + len(wavelengths) // 2]
+        defocus = self.drafts[-1].thickness
+        self.drafts[-1].thickness = 0.0
+        self.drafts[-2].thickness += defocus
         kind, fields = self._fields()
         return Prescription(
             origin=self.origin,
@@ -341,9 +560,103 @@ class _Reader:
             wavelengths_nm=tuple(wavelengths),
             weights=tuple(weights),
             primary=min(max(int(reference[0]) - 1, 0), len(wavelengths) - 1),
+            solves=tuple(self._placed(solve, defocus) for solve in self.solves),
         )
 
+    def _placed(self, solve: ThicknessSolve, defocus: float) -> ThicknessSolve:
+        last = solve.surface == len(self.drafts) - 2
+        return ThicknessSolve(
+            surface=solve.surface,
+            height=solve.height,
+            zone=solve.zone,
+            offset=defocus if last else 0.0,
+        )
+
+    def _choose_mode(self) -> None:
+        """Without RDM numbers are curvatures, as the program has it, if they can be such."""
+        sizes = [abs(draft.shape) for draft in self.drafts if draft.shape]
+        if sizes and min(sizes) < 1.0 <= max(sizes):
+            raise self.fail(
+                "RDM",
+                "the file does not say whether its surfaces have radii (RDM) or curvatures "
+                "(RDM N), and its numbers could be either; add the line",
+            )
+        self.radius_mode = bool(sizes) and min(sizes) >= 1.0
+        self.warn(
+            "does not say whether its surfaces have radii (RDM) or curvatures (RDM N); they are "
+            f"read as {'radii' if self.radius_mode else 'curvatures'}"
+        )
+
+    def _pick_up(self) -> None:
+        """Follow ``PIK value surface value surface scale offset``."""
+        for place, words in self.pickups:
+            said = f"{place}: {' '.join(words)}"
+            plain = [word.upper() for word in words[1:] if not re.fullmatch(r"[zZ]\d+", word)]
+            match = re.fullmatch(
+                r"(THI|RDY|CUY|GLA|K) S(O|I|\d+) (THI|RDY|CUY|GLA|K) S(O|I|\d+)((?: \S+){0,2})",
+                " ".join(plain),
+            )
+            numbers = [_as_number(word) for word in match[5].split()] if match else []
+            if match is None or match[1] != match[3] or None in numbers:
+                self.warn(f"{said} is not followed; the stored value is taken")
+                continue
+            target, source = (self.drafts[self._index(match[k], said)] for k in (2, 4))
+            scale, offset, *_ = (
+                *(number or 0.0 for number in numbers),
+                *(1.0, 0.0)[len(numbers) :],
+            )
+            self._follow(match[1], target, source, (scale, offset), said)
+
+    def _follow(
+        self, name: str, target: _Draft, source: _Draft, law: tuple[float, float], said: str
+    ) -> None:
+        """Give one surface the value of another one, times a scale, plus an offset."""
+        if name == "GLA":
+            if target.glass.upper() != source.glass.upper():
+                self.warn(f"{said} makes {source.glass!r} of {target.glass!r}, and is followed")
+            target.glass, target.mirror = source.glass, source.mirror
+            return
+        scale, offset = law
+        if name == "THI":
+            stored, found = target.thickness, scale * source.thickness + offset
+            target.thickness = found
+        elif name == "K":
+            stored, found = target.conic, scale * source.conic + offset
+            target.conic = found
+        else:
+            stored, value = self._curvature(target), self._curvature(source)
+            if name == "RDY":
+                radius = scale / value + offset if value else 0.0
+                found = 1.0 / radius if radius else 0.0
+            else:
+                found = scale * value + offset
+            target.curvature = found
+        if not math.isclose(stored, found, rel_tol=1e-9, abs_tol=1e-15):
+            self.warn(f"{said} makes {found:g} of the stored {stored:g}, and is followed")
+
+    def _say_what_is_left_out(self) -> None:
+        for word, places in self.unknown.items():
+            more = f" and {len(places) - 1} more" if len(places) > 1 else ""
+            self.warn(
+                f"{places[0]}{more}: the command {word} is not understood and is left out; check "
+                "what it says in the design program"
+            )
+        for message, place in self.not_taken.items():
+            self.warn(f"{place}: {message}")
+        first = self.drafts[0]
+        if self._curvature(first) and math.isfinite(first.thickness) and first.thickness < 1e10:
+            self.warn("surface 0: the object is curved; its points are put in a plane")
+        if not any(draft.stop for draft in self.drafts):
+            self.warn("no surface is marked as the stop (STO); surface 1 is taken")
+
     def _fields(self) -> tuple[FieldKind, tuple[FieldPoint, ...]]:
+        said = {
+            letters
+            for letters in _FIELDS
+            if f"X{letters}" in self.lists or f"Y{letters}" in self.lists
+        }
+        if len(said) > 1:
+            raise self.fail("fields", f"are given in several ways ({', '.join(sorted(said))})")
         for letters, kind in _FIELDS.items():
             x, y = self.lists.get(f"X{letters}", []), self.lists.get(f"Y{letters}", [])
             count = max(len(x), len(y))
@@ -364,9 +677,28 @@ class _Reader:
         return "angle", (FieldPoint(x=0.0, y=0.0),)
 
 
+def _as_number(text: str) -> float | None:
+    """A number as the program writes it, with D or E; None for anything else."""
+    try:
+        return float(re.sub(r"(?<=[\d.])[dD](?=[-+\d])", "e", text))
+    except ValueError:
+        return None
+
+
+def _laurent(terms: list[float], micrometre: float, place: str, reader: _Reader) -> float:
+    """Index from n² = A0 + A1 λ² + A2 λ⁻² + A3 λ⁻⁴ + …, λ in µm."""
+    powers = (0, 2, *range(-2, -2 * len(terms), -2))
+    square = sum(a * micrometre**p for a, p in zip(terms, powers, strict=False))
+    if square <= 1.0:
+        raise reader.fail(place, f"its private glass has no index at {1e3 * micrometre:g} nm")
+    return math.sqrt(square)
+
+
 def _item(values: list[float], index: int, default: float) -> float:
     return values[index] if index < len(values) else default
 
+
+_OF_SURFACE = {"STO", "K", "CUF", "CIR", "GLA", "RMD", "PIM", "THI", "RDY", "CUY"}
 
 _HEAD: dict[str, Callable[[_Reader, list[str]], None]] = {
     "RDM": _Reader._mode,
@@ -376,6 +708,7 @@ _HEAD: dict[str, Callable[[_Reader, list[str]], None]] = {
     "FNO": _Reader._light,
     "NA": _Reader._light,
     "NAO": _Reader._light,
-    "ZOO": _Reader._zoom,
+    "TEM": _Reader._air,
+    "PRE": _Reader._air,
     "PRV": _Reader._begin_private,
 }

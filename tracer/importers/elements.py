@@ -6,10 +6,12 @@ Where glass would run into glass (edges that cross, neighbours that overlap) the
 
 from __future__ import annotations
 
+import itertools
 import warnings
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from raymap.errors import SceneError
 from tracer.importers.bundles import Bundles
@@ -18,6 +20,8 @@ from tracer.importers.parts import Part, PartFace
 from tracer.importers.prescription import GlassName, ImportWarning
 
 __all__ = ["Disc", "Elements", "build_elements"]
+
+Array = NDArray[np.float64]
 
 AUTOMATIC_MARGIN = 1e-6
 """Share by which apertures that a program took from its rays are widened: its rays shall pass."""
@@ -31,22 +35,32 @@ HOLE_MARGIN = 1.02
 
 @dataclass(frozen=True, kw_only=True)
 class Disc:
-    """A flat ring that absorbs: the stop (``inner`` is open), or an obscuration (``inner`` 0)."""
+    """A flat ring that absorbs: the stop or an aperture (``inner`` is open), or an obscuration
+    (``inner`` 0); ``surface`` is the file's number of what it is."""
 
     name: str
     z: float
     inner: float
     outer: float
     stop: bool = False
+    surface: int = -1
 
 
 @dataclass(kw_only=True)
 class Elements:
-    """What stands in space. ``face_of`` names the part and face that each surface became."""
+    """What stands in space.
+
+    Attributes
+    ----------
+    parts, discs : elements and mirrors; the stop, apertures, obscurations
+    face_of : the part and face that each surface became, by the file's number
+    limits : (n_surfaces,) radius within which light passes each surface, inf where nothing stands
+    """
 
     parts: list[Part] = field(default_factory=list)
     discs: list[Disc] = field(default_factory=list)
     face_of: dict[int, str] = field(default_factory=dict)
+    limits: Array = field(default_factory=lambda: np.empty(0))
 
 
 def build_elements(bundles: Bundles) -> Elements:
@@ -139,6 +153,7 @@ class _Builder:
     # -- the parts -------------------------------------------------------------------------------
 
     def build(self) -> Elements:
+        self._refuse_gaps_against_the_light()
         parts = self._parts()
         self._pierce(parts)
         for message in fit_parts(parts):
@@ -149,13 +164,41 @@ class _Builder:
             for face, name in ((part.low, "front"), (part.high, "back")):
                 for number in face.surfaces:
                     face_of.setdefault(number, f"{part.name}.{name}")
-        return Elements(parts=parts, discs=discs, face_of=face_of)
+        return Elements(parts=parts, discs=discs, face_of=face_of, limits=self._limits(discs))
+
+    def _limits(self, discs: list[Disc]) -> Array:
+        """Radii of clear apertures, after everything was fitted together."""
+        limits = np.full(len(self.surfaces), np.inf)
+        for k, face in self.face_at.items():
+            limits[k] = face.semi_diameter
+        rings = {disc.surface: disc.inner for disc in discs if disc.inner}
+        for k, surface in enumerate(self.surfaces):
+            limits[k] = min(limits[k], rings.get(surface.number, np.inf))
+        return limits
+
+    def _refuse_gaps_against_the_light(self) -> None:
+        """Refuse surfaces that light would have to go back to: sequences do, light does not."""
+        last = len(self.surfaces) - 1
+        stands = [k for k in range(1, last) if not self._is_dummy(k) or self._is_ring(k)]
+        for before, k in itertools.pairwise(stands):
+            gap = (self.z[k] - self.z[before]) * self._leaving_sign(before)
+            if gap < -1e-9 * self.scale and self.medium[before] is None:
+                raise self.fail(
+                    k,
+                    f"lies {abs(gap):.5g} before surface {self.surfaces[before].number}, which "
+                    "light meets first: a virtual place, where nothing can stand; put it where "
+                    "light passes it",
+                )
 
     def _parts(self) -> list[Part]:
         parts: list[Part] = []
         last = len(self.surfaces) - 1
         if self.medium[0] is not None:
-            raise self.fail(0, "the object lies in glass; start in air")
+            raise self.fail(
+                0,
+                f"the object lies in {self.medium[0].name}, which is not understood; objects in "
+                "air are: write a scene with the lens, a body of that medium and a source in it",
+            )
         for k in range(1, last):
             surface = self.surfaces[k]
             if self.medium[k] is not None and not self._is_dummy(k):
@@ -251,8 +294,8 @@ class _Builder:
         needed = 0.0
         if not any(surface.mirror for surface in self.surfaces):
             return needed
-        for origin in self.bundles.origins:
-            points = self.bundles.trace(origin, self.bundles.edge(origin)).points
+        for lit in self.bundles.lit:
+            points = self.bundles.trace(lit.origin, lit.edge).points
             for k in range(1, len(self.surfaces) - 1):
                 ours = {self.surfaces[k].number, self.surfaces[k + 1].number}
                 if ours & {*part.low.surfaces, *part.high.surfaces}:
@@ -273,25 +316,43 @@ class _Builder:
         discs = []
         stop = self.sequence.prescription.stop
         if stop not in self.face_at and stop < len(self.surfaces) - 1:
-            discs.append(self._stop_ring(stop, parts))
+            discs.append(self._ring(stop, parts, self.bundles.stop_radius, "stop"))
+        for k in range(1, len(self.surfaces) - 1):
+            if self.surfaces[k].clips and k != stop and k not in self.face_at:
+                discs += self._aperture(k, parts)
         for k, surface in enumerate(self.surfaces):
             if surface.obscuration > 0.0 and 0 < k < len(self.surfaces) - 1:
                 discs.append(self._obscuration(k))
         return discs
 
-    def _stop_ring(self, k: int, parts: list[Part]) -> Disc:
-        """The stop as a ring, as wide as there is room between its neighbours."""
+    def _is_ring(self, k: int) -> bool:
+        """Whether a ring in air stands for a surface where nothing else happens."""
+        here = k == self.sequence.prescription.stop or self.surfaces[k].clips
+        return here and self.medium[k] is None
+
+    def _aperture(self, k: int, parts: list[Part]) -> list[Disc]:
+        """The aperture of a surface where nothing else happens, where it has room."""
+        number, inner = self.surfaces[k].number, self.surfaces[k].semi_diameter or 0.0
+        z = float(self.z[k])
+        if any(part.contains(inner * (1.0 + 1e-9), z) for part in parts):
+            self.warn(f"surface {number}: its aperture lies in an element and is left out")
+            return []
+        return [self._ring(k, parts, inner, f"aperture_{number}")]
+
+    def _ring(self, k: int, parts: list[Part], inner: float, name: str) -> Disc:
+        """A surface of the sequence as a ring, as wide as there is room between its neighbours."""
+        number = self.surfaces[k].number
         if self.surfaces[k].curvature:
-            self.warn(f"surface {self.surfaces[k].number}: the stop is curved; its ring is flat")
-        inner, z = self.bundles.stop_radius, float(self.z[k])
+            self.warn(f"surface {number}: the {name} is curved; its ring is flat")
+        z = float(self.z[k])
         outer = 2.0 * max([inner, *(part.outer for part in parts)])
         for r in np.linspace(inner, outer, 4097):
             if any(part.contains(float(r), z) for part in parts):
                 outer = float(r) - (outer - inner) / 4096.0
                 break
         if outer <= inner:
-            raise self.fail(k, f"the stop of radius {inner:.4g} lies in an element")
-        return Disc(name="stop", z=z, inner=inner, outer=outer, stop=True)
+            raise self.fail(k, f"the {name} of radius {inner:.4g} lies in an element")
+        return Disc(name=name, z=z, inner=inner, outer=outer, stop=name == "stop", surface=number)
 
     def _obscuration(self, k: int) -> Disc:
         """A black disc before or behind a surface, on its side in air."""
@@ -305,7 +366,13 @@ class _Builder:
             z = float(self.z[k]) + max(heights) + gap
         else:
             z = float(self.z[k]) + min(heights) - gap
-        return Disc(name=f"obscuration_{surface.number}", z=z, inner=0.0, outer=radius)
+        return Disc(
+            name=f"obscuration_{surface.number}",
+            z=z,
+            inner=0.0,
+            outer=radius,
+            surface=surface.number,
+        )
 
 
 def _crossing_radii(

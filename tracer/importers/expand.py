@@ -6,14 +6,14 @@ from pathlib import Path
 from typing import Any
 
 from raymap.errors import SceneError
-from tracer.importers.lens_scene import LENS_SUFFIXES, import_lens
+from tracer.importers.lens_scene import LENS_SUFFIXES, OTHER_LENS_FILES, import_lens
 from tracer.importers.toml_text import toml_text
 from tracer.scene.fields import Placed
 
 __all__ = ["SCENE_SUFFIXES", "LensFileModel", "merge_lens_file", "scene_text_of"]
 
-SCENE_SUFFIXES = tuple(LENS_SUFFIXES)
-"""Suffixes of files that are scenes on their own."""
+SCENE_SUFFIXES = (*LENS_SUFFIXES, *OTHER_LENS_FILES)
+"""Suffixes of files that are scenes on their own, or are refused with what they are."""
 
 
 class LensFileModel(Placed):
@@ -60,11 +60,10 @@ def merge_lens_file(
     )
     tree["media"] = lens.media() | tree.get("media", {})
     tree["surfaces"] = lens.surfaces() | tree.get("surfaces", {})
-    parts = {"bodies": lens.bodies()}
+    image = lens.image_parts() if model.image else {"bodies": {}, "detectors": {}}
+    parts = {"bodies": lens.bodies() | image["bodies"], "detectors": image["detectors"]}
     if model.sources:
         parts["sources"] = lens.sources()
-    if model.image:
-        parts["detectors"] = {f"{name}.image": lens.detector()}
     for table, entries in parts.items():
         present = tree.setdefault(table, {})
         for key, entry in entries.items():

@@ -7,6 +7,7 @@ bodies into another scene, under names that start with ``NAME.``.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,26 +19,41 @@ from numpy.typing import NDArray
 
 from raymap.errors import SceneError
 from raymap.units import length_scale
-from tracer.importers.bundles import Bundles, FieldOrigin
+from tracer.importers.bundles import Bundles, LitField
 from tracer.importers.codev import read_codev
 from tracer.importers.elements import Disc, Elements, build_elements
+from tracer.importers.image import Image, find_image
 from tracer.importers.lens_glass import medium_of_glass
 from tracer.importers.parts import Part, PartFace
-from tracer.importers.prescription import GlassName, Prescription
+from tracer.importers.prescription import GlassName, ImportWarning, Prescription
 from tracer.importers.sequence import Sequence
+from tracer.importers.solves import solved
 from tracer.importers.zemax import read_zemax
 from tracer.scene.fields import Placed
 from tracer.scene.media import refractive_index
 from tracer.scene.model import MediumModel
 
-__all__ = ["LENS_SUFFIXES", "ImportedLens", "import_lens", "read_prescription"]
+__all__ = ["LENS_SUFFIXES", "OTHER_LENS_FILES", "ImportedLens", "import_lens", "read_prescription"]
 
 Array = NDArray[np.float64]
 
 LENS_SUFFIXES = {".zmx": read_zemax, ".seq": read_codev}
 """Readers of lens files by suffix."""
 
+OTHER_LENS_FILES = {
+    ".zar": "an archive of OpticStudio; open it there and save the lens as .zmx",
+    ".zos": "a file of OpticStudio that is no text; open it there and save the lens as .zmx",
+    ".zmf": "a catalogue of lenses of OpticStudio; open one there and save the lens as .zmx",
+    ".len": "a lens of CODE V or OSLO that is not understood; save the lens as .seq or .zmx",
+    ".roa": "a lens of ray-optics, which is not understood; save the lens as .zmx or .seq in the "
+    "program that it comes from",
+}  # fmt: skip
+"""What other files of lenses are, by suffix, and what to do."""
+
 IMAGE_CELLS = 256
+IMAGE_SHELL = 0.1
+"""Thickness of the shell behind a curved image, in its radius."""
+
 BLACK = "black"
 SUBSTRATE = "substrate"
 
@@ -52,6 +68,8 @@ def read_prescription(path: str | Path) -> Prescription:
     """
     path = Path(path)
     reader = LENS_SUFFIXES.get(path.suffix.lower())
+    if path.suffix.lower() in OTHER_LENS_FILES:
+        raise SceneError(f"{path.name}: is {OTHER_LENS_FILES[path.suffix.lower()]}")
     if reader is None:
         known = ", ".join(LENS_SUFFIXES)
         raise SceneError(f"{path.name}: no lens file ({known} are understood)")
@@ -121,7 +139,11 @@ class ImportedLens:
 
     @cached_property
     def sequence(self) -> Sequence:
-        """The surfaces with the indices of their glasses."""
+        """The surfaces with the indices of their glasses, and the thicknesses that follow."""
+        return solved(Sequence(prescription=self.prescription, indices=self._indices()))
+
+    def _indices(self) -> Array:
+        """(n_surfaces, n_wavelengths) indices of what follows each surface."""
         wavelengths = np.array(self.prescription.wavelengths_nm)
         rows = []
         current = np.ones(len(wavelengths))
@@ -138,7 +160,7 @@ class ImportedLens:
             elif not surface.mirror:
                 current = np.ones(len(wavelengths))
             rows.append(current)
-        return Sequence(prescription=self.prescription, indices=np.array(rows))
+        return np.array(rows)
 
     @cached_property
     def bundles(self) -> Bundles:
@@ -191,12 +213,23 @@ class ImportedLens:
     def bodies(self) -> dict[str, Any]:
         """Tables of the bodies, in the order in which light first meets them."""
         tables = {}
+        self._say_what_is_dark()
         cemented = {id(part.high): part.name for part in self.elements.parts}
         for part in sorted(self.elements.parts, key=lambda part: part.low.z):
             tables[self.prefix + part.name] = self._lens(part, cemented.get(id(part.low)))
         for disc in self.elements.discs:
             tables[self.prefix + disc.name] = self._ring(disc)
         return tables
+
+    def _say_what_is_dark(self) -> None:
+        for number, field in self.bundles.dark:
+            self._warn(
+                f"field {number} ({field.x:g}, {field.y:g}): no light gets through the stop and "
+                "the apertures; the field is left out"
+            )
+
+    def _warn(self, message: str) -> None:
+        warnings.warn(f"{self.prescription.origin}: {message}", ImportWarning, stacklevel=2)
 
     def _lens(self, part: Part, before: str | None) -> dict[str, Any]:
         table: dict[str, Any] = {
@@ -241,24 +274,24 @@ class ImportedLens:
 
     def sources(self) -> dict[str, Any]:
         """A source that fills the pupil on the axis, and one for each other field."""
-        tables = {self.prefix + "axis": self._source(self.bundles.axis, 1.0)}
-        fields = self.prescription.fields
-        for number, (field, origin) in enumerate(zip(fields, self.bundles.origins, strict=True)):
-            if origin != self.bundles.axis:
-                name = f"{self.prefix}field_{number + 1}"
-                tables[name] = self._source(origin, field.weight or 1.0)
+        axis = self.bundles.light_of(self.bundles.axis)
+        tables = {self.prefix + "axis": self._source(axis, 1.0)} if axis else {}
+        for lit in self.bundles.lit:
+            if lit.origin == self.bundles.axis:
+                continue
+            name = f"{self.prefix}field_{lit.number}"
+            tables[name] = self._source(lit, lit.field.weight or 1.0)
+            if not lit.field.weight:
+                self._warn(f"field {lit.number} has the weight 0; its source is switched off")
+                tables[name]["on"] = False
+        if not tables:
+            raise SceneError(f"{self.prescription.origin}: no light of any field gets through")
         return tables
 
-    def _source(self, origin: FieldOrigin, weight: float) -> dict[str, Any]:
-        chief = self.bundles.chief(origin)
+    def _source(self, lit: LitField, weight: float) -> dict[str, Any]:
+        origin = lit.origin
         on_axis = origin == self.bundles.axis
-        edge = self.bundles.edge(origin)
-        edge = edge[np.isfinite(edge).all(axis=1)]
-        if not np.isfinite(chief).all() or not len(edge):
-            raise SceneError(
-                f"{self.prescription.origin}: no light of the field {origin} gets through the stop"
-            )
-        points, along = self.bundles.launch(origin, np.vstack([chief, edge]))
+        points, along = self.bundles.launch(origin, np.vstack([lit.centre, lit.edge]))
         table: dict[str, Any] = {"flux": weight, **self._spectrum()}
         if origin.height is not None:
             cosines = along[1:] @ along[0]
@@ -307,35 +340,76 @@ class ImportedLens:
         powers = [weights[wavelength] for wavelength in lit]
         return {"spectrum": {"lines": {"wavelength_nm": lit, "power": powers}}}
 
-    def detector(self) -> dict[str, Any]:
-        """Table of a detector that catches the image."""
-        image = len(self.prescription.surfaces) - 1
-        sign = (-1) ** sum(surface.mirror for surface in self.prescription.surfaces)
-        longest_mm = 1e-6 * max(self.prescription.wavelengths_nm)
-        waves = 40 * longest_mm * length_scale("mm", self.prescription.unit)
-        half = max(1.2 * float(self.bundles.reach[image]), waves)
-        given = self.prescription.surfaces[image].semi_diameter
-        half = self.scale * max(half, 1.2 * given if given else 0.0)
-        return {
-            "position": self._point(0.0, 0.0, float(self.sequence.z[image])),
-            "looks": self._direction([0.0, 0.0, -sign]),
+    # -- the image -------------------------------------------------------------------------------
+
+    @cached_property
+    def image(self) -> Image | None:
+        """Where the light of the image is caught; None where it does not get there."""
+        return find_image(self.bundles, self.elements)
+
+    def image_parts(self) -> dict[str, dict[str, Any]]:
+        """Tables ``detectors`` of the image, and ``bodies`` of a curved one."""
+        image = self.image
+        if image is None:
+            return {"detectors": {}, "bodies": {}}
+        name = self.prefix + "image"
+        if image.curved:
+            return {
+                "detectors": {
+                    name: {
+                        "kind": "surface",
+                        "face": f"{name}_surface.{image.face}",
+                        "cells": [IMAGE_CELLS, IMAGE_CELLS],
+                    }
+                },
+                "bodies": {f"{name}_surface": self._image_body(image)},
+            }
+        size = 2.0 * self.scale * image.half
+        detector = {
+            "position": self._point(0.0, 0.0, image.z),
+            "looks": self._direction([0.0, 0.0, -image.sign]),
             "up": self._direction([0.0, 1.0, 0.0]),
-            "size": [2.0 * half, 2.0 * half],
+            "size": [size, size],
             "cells": [IMAGE_CELLS, IMAGE_CELLS],
-            "blocking": True,
+            "blocking": image.blocking,
+        }
+        return {"detectors": {name: detector}, "bodies": {}}
+
+    def _image_body(self, image: Image) -> dict[str, Any]:
+        """A shell behind a curved image: black, or of air where light must pass it."""
+        surface = self.prescription.surfaces[-1]
+        face = PartFace(
+            z=image.z,
+            curvature=surface.curvature,
+            conic=surface.conic,
+            aspheric=surface.aspheric,
+            semi_diameter=image.half,
+            black=image.blocking,
+        )
+        thickness = IMAGE_SHELL * image.half
+        return {
+            "kind": "lens",
+            "position": self._point(0.0, 0.0, min(image.z, image.z + image.sign * thickness)),
+            **self._turn(),
+            "medium": "air",
+            "thickness": self.scale * thickness,
+            "front": self._face(face),
+            "back": self._face(face),
+            "rim": BLACK if image.blocking else "bare",
         }
 
     def scene_tables(self) -> dict[str, Any]:
         """A whole scene: the lens in the light of its fields, and a detector at its image."""
+        image = self.image_parts()
         return {
             "title": self.prescription.title or self.prescription.origin,
             "length_unit": self.unit,
             "spectrum": self.spectrum(),
             "media": self.media(),
             "surfaces": self.surfaces(),
-            "bodies": self.bodies(),
+            "bodies": self.bodies() | image["bodies"],
             "sources": self.sources(),
-            "detectors": {self.prefix + "image": self.detector()},
+            "detectors": image["detectors"],
         }
 
     def design(self) -> dict[str, Any]:

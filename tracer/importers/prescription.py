@@ -18,6 +18,7 @@ __all__ = [
     "ImportWarning",
     "LensSurface",
     "Prescription",
+    "ThicknessSolve",
 ]
 
 ApertureKind = Literal["entrance_diameter", "f_number", "working_f_number", "object_na", "stop"]
@@ -38,12 +39,14 @@ class GlassName:
     maker : a catalogue that the name itself carries, "" where it does not
     model : index at the d line and Abbe number of a glass that only they describe
     table : (wavelength nm, index) pairs of a glass that the file itself describes
+    said : index and Abbe number that the file gives beside the name of a catalogue's glass
     """
 
     name: str
     maker: str = ""
     model: tuple[float, float] | None = None
     table: tuple[tuple[float, float], ...] = ()
+    said: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,6 +63,7 @@ class LensSurface:
     automatic : the program took ``semi_diameter`` from its rays
     mechanical : radius to the rim, None where it is that of the clear aperture
     hole, obscuration : radius of a hole through the part, of a disc that blocks the middle
+    clips : it stops light beyond ``semi_diameter`` also where nothing else happens there
     """
 
     number: int
@@ -74,6 +78,7 @@ class LensSurface:
     mechanical: float | None = None
     hole: float = 0.0
     obscuration: float = 0.0
+    clips: bool = False
     stop: bool = False
     label: str = ""
 
@@ -108,6 +113,24 @@ class FieldPoint:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ThicknessSolve:
+    """A thickness that puts a ray of the axis at a height on the next surface.
+
+    Attributes
+    ----------
+    surface : index of the surface whose thickness it is
+    height : of the ray on the next one
+    zone : share of the pupil's radius at which the real ray starts; 0 for the paraxial one
+    offset : what is added, a defocus
+    """
+
+    surface: int
+    height: float = 0.0
+    zone: float = 0.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
 class Prescription:
     """A whole lens file.
 
@@ -119,7 +142,8 @@ class Prescription:
     aperture, field_kind, fields : what light the design is for
     telecentric : chief rays start parallel to the axis
     wavelengths_nm, weights, primary : of the design
-    catalogues : makers in the order in which the file looks glasses up
+    catalogues : catalogues in the order in which the file looks glasses up
+    solves : thicknesses that follow from rays
     """
 
     origin: str
@@ -134,6 +158,7 @@ class Prescription:
     weights: tuple[float, ...] = (1.0,)
     primary: int = 0
     catalogues: tuple[str, ...] = field(default=())
+    solves: tuple[ThicknessSolve, ...] = ()
 
     @property
     def stop(self) -> int:

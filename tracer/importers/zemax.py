@@ -1,15 +1,16 @@
 """Read sequential lens files of Zemax OpticStudio (``.zmx``).
 
-The format is lines of a four-letter word and its values; the lines of a surface are indented below
-``SURF n``. What is said twice in different versions of the program (``WAVM`` and ``WAVL``) is read
-either way; words that do not describe the lens are passed over.
+The format is lines of a four-letter word and its values; the lines of a surface stand below
+``SURF n``, indented by most programs. What is said twice in different versions of the program
+(``WAVM`` and ``WAVL``) is read either way. A word is read, or known to be harmless
+(`tracer.importers.zemax_words`), or else warned about or refused by name: none is passed over.
 """
 
 from __future__ import annotations
 
 import math
+import re
 import warnings
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -17,13 +18,23 @@ from typing import Literal
 from raymap.errors import SceneError
 from tracer.importers.prescription import (
     Aperture,
+    FieldKind,
     FieldPoint,
     GlassName,
     ImportWarning,
     LensSurface,
     Prescription,
+    ThicknessSolve,
 )
 from tracer.importers.text import read_text
+from tracer.importers.zemax_words import (
+    APERTURES_NOT_ROUND,
+    HARMLESS_IN_HEAD,
+    HARMLESS_IN_SURFACES,
+    TYPES,
+    WORDS_OF_HEAD,
+    WORDS_OF_SURFACES,
+)
 
 __all__ = ["parse_zemax", "read_zemax"]
 
@@ -31,13 +42,20 @@ _UNITS: dict[str, Literal["mm", "cm", "m", "in"]] = {
     "MM": "mm", "CM": "cm", "METER": "m", "METERS": "m", "M": "m", "IN": "in", "INCH": "in",
     "INCHES": "in",
 }  # fmt: skip
-_FIELDS: tuple[
-    Literal["angle", "object_height", "paraxial_image_height", "real_image_height"], ...
-] = ("angle", "object_height", "paraxial_image_height", "real_image_height")
-_ROUND = {"CLAP", "FLAP", "OBSC"}
-_OTHER_APERTURES = {"SQAP", "SQOB", "ELAP", "ELOB", "SPID", "UDAP", "UDOB"}
-_MODEL_GLASS = 1
+_FIELDS: tuple[FieldKind, ...] = (
+    "angle", "object_height", "paraxial_image_height", "real_image_height",
+)  # fmt: skip
+_OF_SURFACES = WORDS_OF_SURFACES | set(HARMLESS_IN_SURFACES) | set(APERTURES_NOT_ROUND)
+_OF_HEAD = WORDS_OF_HEAD | set(HARMLESS_IN_HEAD)
+_APERTURES = ("ENPD", "FNUM", "OBNA", "FLOA")
+_FIXED, _MODEL, _PICKED_UP, _SUBSTITUTE = range(4)
+_CURVATURE_PICKUP = 4
+_PLACEHOLDERS = {(1.5, 40.0), (1.5, 50.0), (0.0, 0.0)}
+"""Index and Abbe number that programs write beside a catalogue's glass without meaning them."""
+
 _MOST_COEFFICIENTS = 6
+_MERIT_VALUES = 8
+_NORMAL_C, _NORMAL_ATM = 20.0, 1.0
 
 
 def read_zemax(path: str | Path) -> Prescription:
@@ -46,9 +64,30 @@ def read_zemax(path: str | Path) -> Prescription:
     Raises
     ------
     SceneError
-        where the file is none, is not sequential, or has a surface that cannot be traced
+        where the file is none, is not sequential, or says what cannot be traced
     """
     return parse_zemax(read_text(path), origin=Path(path).name)
+
+
+def parse_zemax(text: str, *, origin: str = "lens") -> Prescription:
+    """As `read_zemax`, from the text of a file."""
+    reader = _Reader(origin, indented=bool(re.search(r"^SURF .*\n([ \t]*\n)*[ \t]+\S", text, re.M)))
+    for number, line in enumerate(text.splitlines(), 1):
+        reader.take(line, number)
+    return reader.finish()
+
+
+@dataclass(frozen=True)
+class _Line:
+    """A word, its values, and where it stands."""
+
+    word: str
+    values: list[str]
+    place: str
+
+    @property
+    def shown(self) -> str:
+        return " ".join((self.word, *self.values[:8]))
 
 
 @dataclass
@@ -56,122 +95,291 @@ class _Block:
     """The lines of one surface."""
 
     number: int
-    lines: dict[str, list[str]] = field(default_factory=dict)
+    lines: dict[str, _Line] = field(default_factory=dict)
     parameters: dict[int, float] = field(default_factory=dict)
-    apertures: dict[str, list[str]] = field(default_factory=dict)
+    picked: list[_Line] = field(default_factory=list)
+    tilts: list[_Line] = field(default_factory=list)
 
-
-def parse_zemax(text: str, *, origin: str = "lens") -> Prescription:
-    """As `read_zemax`, from the text of a file."""
-    reader = _Reader(origin)
-    for line in text.splitlines():
-        reader.take(line)
-    return reader.finish()
+    @property
+    def kind(self) -> str:
+        line = self.lines.get("TYPE")
+        return line.values[0].upper() if line and line.values else "STANDARD"
 
 
 class _Reader:
-    def __init__(self, origin: str) -> None:
+    def __init__(self, origin: str, *, indented: bool) -> None:
         self.origin = origin
-        self.header: dict[str, list[str]] = {}
+        self.indented = indented
+        self.header: dict[str, _Line] = {}
         self.wavelengths: dict[int, tuple[float, float]] = {}
         self.blocks: list[_Block] = []
+        self.unknown: dict[str, list[str]] = {}
+        self.coatings: list[int] = []
+        self.configured = False
+        self.solves: list[ThicknessSolve] = []
 
     def fail(self, place: str, message: str) -> SceneError:
         return SceneError(f"{self.origin}: {place}: {message}")
 
-    def take(self, line: str) -> None:
-        word, *values = line.split() or [""]
+    def warn(self, message: str) -> None:
+        warnings.warn(f"{self.origin}: {message}", ImportWarning, stacklevel=2)
+
+    # -- lines -----------------------------------------------------------------------------------
+
+    def take(self, text: str, number: int) -> None:
+        word, *values = text.split() or [""]
         word = word.upper()
+        if not word:
+            return
         if word == "SURF":
-            self.blocks.append(_Block(self._integer(values, 0, "SURF")))
-        elif not line[:1].isspace() or not self.blocks:
-            if word == "WAVM" and len(values) >= 2:
-                number = self._integer(values, 0, word)
-                weight = self._number(values, 2, word) if len(values) > 2 else 1.0
-                self.wavelengths[number] = (self._number(values, 1, word), weight)
-            elif word and word not in self.header:
-                self.header[word] = values
-        else:
+            line = _Line(word, values, f"line {number}")
+            self.blocks.append(_Block(self._integer(line, 0)))
+        elif self.blocks and self._belongs_to_surface(text, word):
             block = self.blocks[-1]
-            place = f"surface {block.number}"
-            if word == "PARM":
-                number = self._integer(values, 0, place)
-                block.parameters[number] = self._number(values, 1, place)
-            elif word in _ROUND or word in _OTHER_APERTURES:
-                block.apertures[word] = values
-            else:
-                block.lines[word] = values
+            self._take_of_surface(
+                block, _Line(word, values, f"line {number}, surface {block.number}")
+            )
+        else:
+            self._take_of_head(_Line(word, values, f"line {number}"))
+
+    def _belongs_to_surface(self, text: str, word: str) -> bool:
+        """Whether a line after ``SURF`` is one of that surface."""
+        if word in _OF_SURFACES or self.indented:
+            return word in _OF_SURFACES or text[:1].isspace()
+        return word not in _OF_HEAD and not _is_row(text.split()[1:])
+
+    def _take_of_head(self, line: _Line) -> None:
+        if line.word == "WAVM" and len(line.values) >= 2:
+            weight = self._number(line, 2) if len(line.values) > 2 else 1.0
+            self.wavelengths[self._integer(line, 0)] = (self._number(line, 1), weight)
+        elif line.word == "MCON":
+            self.configured = True
+        elif line.word in WORDS_OF_HEAD:
+            first = self.header.setdefault(line.word, line)
+            if first.values != line.values:
+                self.warn(f"{line.place}: {line.word} stands twice; that of {first.place} is taken")
+        elif line.word in HARMLESS_IN_HEAD or (self.blocks and _is_row(line.values)):
+            # Behind the surfaces stand the rows of the merit function and the configurations
+            return
+        elif line.word in _OF_SURFACES:
+            raise self.fail(line.place, f"{line.word} belongs to a surface, but follows none")
+        else:
+            self.unknown.setdefault(line.word, []).append(line.place)
+
+    def _take_of_surface(self, block: _Block, line: _Line) -> None:
+        word = line.word
+        if word == "PARM":
+            block.parameters[self._integer(line, 0)] = self._number(line, 1)
+        elif word == "PPAR":
+            block.picked.append(line)
+        elif word == "SCBD":
+            block.tilts.append(line)
+        elif word == "COAT":
+            if line.values:
+                self.coatings.append(block.number)
+        elif word in WORDS_OF_SURFACES or word in APERTURES_NOT_ROUND:
+            block.lines[word] = line
+        elif word not in HARMLESS_IN_SURFACES:
+            self.unknown.setdefault(word, []).append(line.place)
 
     # -- numbers ---------------------------------------------------------------------------------
 
-    def _number(self, values: list[str], index: int, place: str) -> float:
+    def _number(self, line: _Line, index: int) -> float:
+        values = line.values
+        shown = values[index] if index < len(values) else "nothing"
         try:
-            number = float(values[index])
-        except (IndexError, ValueError):
-            shown = values[index] if index < len(values) else "nothing"
-            raise self.fail(place, f"{shown!r} stands where a number is expected") from None
+            number = float(shown)
+        except ValueError:
+            raise self.fail(line.place, f"{shown!r} stands where a number is expected") from None
         if math.isnan(number):
-            raise self.fail(place, "a value is not a number")
+            raise self.fail(line.place, "a value is not a number")
         return number
 
-    def _integer(self, values: list[str], index: int, place: str) -> int:
-        number = self._number(values, index, place)
+    def _integer(self, line: _Line, index: int) -> int:
+        number = self._number(line, index)
         if not number.is_integer() or abs(number) > 1e6:
-            raise self.fail(place, f"{number:g} is not the number of anything")
+            raise self.fail(line.place, f"{number:g} is not the number of anything")
         return int(number)
 
-    def _list(self, word: str, count: int) -> list[float]:
-        values = self.header.get(word, [])
-        return [self._number(values, k, word) if k < len(values) else 0.0 for k in range(count)]
+    def _optional(self, line: _Line | None, index: int, default: float = 0.0) -> float:
+        if line is None or index >= len(line.values):
+            return default
+        return self._number(line, index)
+
+    def _column(self, words: tuple[str, ...], count: int, default: float = 0.0) -> list[float]:
+        """Values of the first of some words that the head has, filled up with ``default``."""
+        line = next((self.header[word] for word in words if word in self.header), None)
+        return [self._optional(line, k, default) for k in range(count)]
 
     # -- surfaces --------------------------------------------------------------------------------
 
-    def surfaces(self) -> Iterator[LensSurface]:
-        for block in self.blocks:
-            yield self._surface(block)
+    def surfaces(self) -> list[LensSurface]:
+        """The surfaces, pickups followed."""
+        built: list[LensSurface] = []
+        for index, block in enumerate(self.blocks):
+            if block.number != index:
+                raise self.fail(
+                    f"surface {block.number}",
+                    f"stands where surface {index} is expected; surfaces must be numbered 0, 1, 2 "
+                    "… in their order",
+                )
+        for index in range(len(self.blocks)):
+            built.append(self._surface(index, built))
+        return built
 
-    def _surface(self, block: _Block) -> LensSurface:
+    def _surface(self, index: int, before: list[LensSurface]) -> LensSurface:
+        block = self.blocks[index]
         place = f"surface {block.number}"
-        kind = (block.lines.get("TYPE") or ["STANDARD"])[0].upper()
-        if kind not in ("STANDARD", "EVENASPH"):
+        self._refuse_what_is_moved(block)
+        for line in block.picked:
+            self._pick_parameter(block, line)
+        dummy = block.kind == "COORDBRK"
+        if dummy:
+            self._refuse_break(block, place)
+        elif block.kind not in ("STANDARD", "EVENASPH"):
+            called = f", {TYPES[block.kind]}," if block.kind in TYPES else ","
             raise self.fail(
                 place,
-                f"is of type {kind}, which cannot be traced; STANDARD and EVENASPH (spheres, "
-                "conics, even aspheres) are understood: replace it in the design program",
+                f"is of type {block.kind}{called} which cannot be traced; STANDARD and EVENASPH "
+                "(spheres, conics, even aspheres) are understood: replace it in the design program",
             )
-        curvature = self._number(block.lines.get("CURV", ["0"]), 0, place)
-        conic = self._number(block.lines.get("CONI", ["0"]), 0, place)
+        curvature = 0.0 if dummy else self._curvature(block, before)
+        conic = 0.0 if dummy else self._optional(block.lines.get("CONI"), 0)
         aspheric: tuple[float, ...] = ()
-        if kind == "EVENASPH":
+        if block.kind == "EVENASPH":
             curvature, conic, aspheric = self._even_asphere(block, curvature, conic, place)
-        glass, mirror = self._glass(block, place)
-        diameter = block.lines.get("DIAM", [])
-        semi_diameter = abs(self._number(diameter, 0, place)) if diameter else 0.0
-        fixed = len(diameter) > 1 and self._number(diameter, 1, place) != 0.0
-        mechanical = block.lines.get("MEMA", [])
-        clear, hole, obscuration = self._apertures(block, place)
-        if clear and (not semi_diameter or clear < semi_diameter):
-            semi_diameter, fixed = clear, True
+        glass, mirror = self._glass(block, before)
+        if dummy:
+            glass, mirror = _behind(before), False
+        mechanical = block.lines.get("MEMA")
         return LensSurface(
             number=block.number,
             curvature=curvature,
             conic=conic,
             aspheric=aspheric,
-            thickness=self._thickness(block, place),
+            thickness=self._thickness(block, before),
             glass=glass,
             mirror=mirror,
-            semi_diameter=semi_diameter or None,
-            automatic=not fixed,
-            mechanical=abs(self._number(mechanical, 0, place)) or None if mechanical else None,
-            hole=hole,
-            obscuration=obscuration,
+            mechanical=abs(self._number(mechanical, 0)) or None if mechanical else None,
             stop="STOP" in block.lines,
-            label=" ".join(block.lines.get("COMM", [])),
+            label=" ".join(block.lines["COMM"].values) if "COMM" in block.lines else "",
+            **self._apertures(block),
         )
 
-    def _thickness(self, block: _Block, place: str) -> float:
-        thickness = self._number(block.lines.get("DISZ", ["0"]), 0, place)
-        return math.inf if abs(thickness) >= 1e10 else thickness
+    def _refuse_what_is_moved(self, block: _Block) -> None:
+        """Refuse tilts and decentres of the surface and of its aperture."""
+        for line in block.tilts:
+            if any(self._number(line, k) != 0.0 for k in range(3, len(line.values))):
+                raise self.fail(
+                    line.place,
+                    f"is tilted or decentred ({line.shown}), which is not understood; surfaces "
+                    "must stand about one axis",
+                )
+        line_of = block.lines.get("OBDC")
+        if line_of and any(self._number(line_of, k) != 0.0 for k in range(len(line_of.values))):
+            raise self.fail(
+                line_of.place,
+                f"its aperture is decentred ({line_of.shown}), which is not understood; apertures "
+                "must stand about the axis",
+            )
+
+    def _refuse_break(self, block: _Block, place: str) -> None:
+        """Refuse a coordinate break, unless nothing is moved by it."""
+        moved = {k: v for k, v in sorted(block.parameters.items()) if 1 <= k <= 5 and v != 0.0}
+        if moved:
+            shown = ", ".join(f"PARM {k} = {v:g}" for k, v in moved.items())
+            raise self.fail(
+                place,
+                f"is of type COORDBRK, a coordinate break ({shown}), which cannot be traced; "
+                "surfaces must stand about one axis: place the bodies of its parts one by one "
+                "([lens_files.NAME] with position and rotation)",
+            )
+
+    def _pick_parameter(self, block: _Block, line: _Line) -> None:
+        """A parameter that follows that of another surface: number, surface, scale, offset."""
+        number, source = self._integer(line, 0), self._integer(line, 1)
+        if not 0 <= source < len(self.blocks):
+            raise self.fail(line.place, f"takes a parameter from surface {source}, which is none")
+        column = int(self._optional(line, 4)) or number
+        value = self._optional(line, 2, 1.0) * self.blocks[source].parameters.get(column, 0.0)
+        value += self._optional(line, 3)
+        self._compare(line, block.parameters.get(number, 0.0), value, f"parameter {number}")
+        block.parameters[number] = value
+
+    def _compare(self, line: _Line, stored: float, found: float, what: str) -> None:
+        """Say where a pickup does not give what is stored beside it."""
+        if not math.isclose(stored, found, rel_tol=1e-9, abs_tol=1e-15):
+            self.warn(
+                f"{line.place}: {what} is stored as {stored:g}, but {line.shown} makes it "
+                f"{found:g}, which is taken"
+            )
+
+    def _curvature(self, block: _Block, before: list[LensSurface]) -> float:
+        line = block.lines.get("CURV")
+        if line is None:
+            return 0.0
+        value, solve = self._number(line, 0), int(self._optional(line, 1))
+        if solve == _CURVATURE_PICKUP:
+            source = self._source(line, self._integer(line, 2), before)
+            scale = self._optional(line, 3, 1.0)
+            found = scale * before[source].curvature
+            # Programs scale the radius or the curvature; where that differs, the stored one speaks
+            by_radius = before[source].curvature / scale if scale else 0.0
+            if abs(scale) != 1.0 and math.isclose(value, by_radius, rel_tol=1e-6):
+                return value
+            if abs(scale) != 1.0 and not math.isclose(value, found, rel_tol=1e-6):
+                raise self.fail(
+                    line.place,
+                    f"its curvature is picked up ({line.shown}), but the stored {value:g} is "
+                    f"neither {found:g} nor {by_radius:g}; fix it in the design program",
+                )
+            self._compare(line, value, found, "the curvature")
+            return found
+        if solve > 1:
+            self.warn(
+                f"{line.place}: the curvature follows from a solve of type {solve}, which is not "
+                f"evaluated; the stored {value:g} is taken"
+            )
+        return value
+
+    def _source(self, line: _Line, index: int, before: list[LensSurface]) -> int:
+        """The surface that a pickup takes its value from."""
+        if not 0 <= index < len(before):
+            raise self.fail(
+                line.place,
+                f"picks up from surface {index} ({line.shown}), which does not stand before it",
+            )
+        return index
+
+    def _thickness(self, block: _Block, before: list[LensSurface]) -> float:
+        line = block.lines.get("DISZ")
+        thickness = self._optional(line, 0)
+        if abs(thickness) >= 1e10:
+            if before and line is not None:
+                raise self.fail(line.place, "its thickness is infinite; only an object's can be")
+            return math.inf
+        pickup, solve = block.lines.get("PZUP"), block.lines.get("MAZH")
+        if pickup is not None:
+            source = self._source(pickup, self._integer(pickup, 0), before)
+            if self._optional(pickup, 3) != 0.0:
+                self.warn(
+                    f"{pickup.place}: {pickup.shown} takes the thickness from another column, "
+                    f"which is not followed; the stored {thickness:g} is taken"
+                )
+                return thickness
+            found = self._optional(pickup, 1, 1.0) * before[source].thickness
+            found += self._optional(pickup, 2)
+            self._compare(pickup, thickness, found, "the thickness")
+            return found
+        if solve is not None:
+            self.solves.append(
+                ThicknessSolve(
+                    surface=len(before),
+                    height=self._optional(solve, 0),
+                    zone=self._optional(solve, 1),
+                )
+            )
+        return thickness
 
     def _even_asphere(
         self, block: _Block, curvature: float, conic: float, place: str
@@ -195,72 +403,98 @@ class _Reader:
             )
         return curvature, conic, tuple(terms)
 
-    def _glass(self, block: _Block, place: str) -> tuple[GlassName | None, bool]:
-        values = block.lines.get("GLAS", [])
-        if not values:
+    def _glass(self, block: _Block, before: list[LensSurface]) -> tuple[GlassName | None, bool]:
+        line = block.lines.get("GLAS")
+        if line is None or not line.values:
             return None, False
-        name = values[0]
+        name = line.values[0]
         if name.upper() == "MIRROR":
             return None, True
-        if len(values) > 4 and self._integer(values, 1, place) == _MODEL_GLASS:
-            index, abbe = self._number(values, 3, place), self._number(values, 4, place)
-            if index <= 1.0:
-                raise self.fail(place, f"a model glass of index {index:g} is not a glass")
-            return GlassName(name=name, model=(index, abbe)), False
-        return GlassName(name=name), False
-
-    def _apertures(self, block: _Block, place: str) -> tuple[float, float, float]:
-        """Radius of the clear aperture (0: not said), of a hole in it, of an obscuration."""
-        other = sorted(_OTHER_APERTURES & set(block.apertures))
-        if other:
-            warnings.warn(
-                f"{self.origin}: {place}: its aperture {other[0]} is not round; the semi-diameter "
-                "is taken instead",
-                ImportWarning,
-                stacklevel=2,
+        solve = int(self._optional(line, 1))
+        if solve == _PICKED_UP and len(line.values) > 2:
+            source = before[self._source(line, self._integer(line, 2), before)]
+            return source.glass, source.mirror
+        if solve > _SUBSTITUTE:
+            raise self.fail(
+                line.place,
+                f"its glass follows from a solve of type {solve} ({line.shown}), which is not "
+                "understood; fix the glass in the design program",
             )
-        clear = hole = obscuration = 0.0
+        if name.upper() in ("AIR", "VACUUM"):
+            if name.upper() == "VACUUM":
+                self.warn(
+                    f"{line.place}: VACUUM is taken for air, as which glasses are listed; its "
+                    "index is lower by 0.00027"
+                )
+            return None, False
+        values = (self._optional(line, 3), self._optional(line, 4))
+        if solve == _MODEL or "___BLANK" in name.upper():
+            if values[0] <= 1.0:
+                raise self.fail(line.place, f"a model glass of index {values[0]:g} is not a glass")
+            return GlassName(name=name, model=values), False
+        return GlassName(name=name, said=None if values in _PLACEHOLDERS else values), False
+
+    def _apertures(self, block: _Block) -> dict[str, float | bool | None]:
+        """Semi-diameter, hole and obscuration of a surface."""
+        for word, called in APERTURES_NOT_ROUND.items():
+            if word in block.lines:
+                self.warn(
+                    f"{block.lines[word].place}: {word}, {called}, is not round and is left out; "
+                    "the semi-diameter is taken instead"
+                )
+        diameter = block.lines.get("DIAM")
+        semi = abs(self._optional(diameter, 0))
+        fixed = self._optional(diameter, 1) not in (0.0, 3.0)
+        hole, clips = 0.0, False
         for word in ("CLAP", "FLAP"):
-            if word in block.apertures:
-                hole = self._number(block.apertures[word], 0, place)
-                clear = self._number(block.apertures[word], 1, place)
-        if "OBSC" in block.apertures:
-            obscuration = self._number(block.apertures["OBSC"], 1, place)
-        return clear, hole, obscuration
+            line = block.lines.get(word)
+            if line is None:
+                continue
+            hole, clear = self._number(line, 0), self._number(line, 1)
+            hard = word == "CLAP" or fixed
+            if clear and (not semi or clear < semi or (hard and clear == semi)):
+                semi, fixed = clear, True
+            clips |= hard
+        blocked = block.lines.get("OBSC")
+        if blocked is not None and self._number(blocked, 0) != 0.0:
+            self.warn(
+                f"{blocked.place}: the obscuration is a ring; it is taken whole, without the "
+                f"opening of radius {self._number(blocked, 0):g} in it"
+            )
+        return {
+            "semi_diameter": semi or None,
+            "automatic": not fixed,
+            "hole": hole,
+            "obscuration": self._number(blocked, 1) if blocked is not None else 0.0,
+            "clips": clips and fixed,
+        }
 
     # -- the whole -------------------------------------------------------------------------------
 
     def finish(self) -> Prescription:
-        mode = (self.header.get("MODE") or ["SEQ"])[0].upper()
+        mode = self._word("MODE", "SEQ")
         if mode != "SEQ":
             raise SceneError(
                 f"{self.origin}: is not sequential (mode {mode}); save the sequential lens, or "
                 "export its parts as STEP"
             )
-        surfaces = tuple(self.surfaces())
-        if len(surfaces) < 3:
+        if len(self.blocks) < 3:
             raise SceneError(
-                f"{self.origin}: is not a Zemax lens file: it has {len(surfaces)} surfaces (SURF), "
-                "at least object, one surface and image are needed"
+                f"{self.origin}: is not a Zemax lens file: it has {len(self.blocks)} surfaces "
+                "(SURF), at least object, one surface and image are needed"
             )
-        configurations = self.header.get("MNUM") or ["1"]
-        if self._integer(configurations, 0, "MNUM") > 1:
-            warnings.warn(
-                f"{self.origin}: has {configurations[0]} configurations; the one that was active "
-                "when it was saved is read",
-                ImportWarning,
-                stacklevel=2,
-            )
-        units = (self.header.get("UNIT") or ["MM"])[0].upper()
+        surfaces = self.surfaces()
+        self._say_what_is_left_out(surfaces)
+        units = self._word("UNIT", "MM")
         if units not in _UNITS:
             raise self.fail("UNIT", f"there is no unit {units!r}; {', '.join(_UNITS)} are known")
         kind, fields, telecentric = self._fields()
         wavelengths, weights, primary = self._wavelengths()
         return Prescription(
             origin=self.origin,
-            title=" ".join(self.header.get("NAME", [])),
+            title=" ".join(self.header["NAME"].values) if "NAME" in self.header else "",
             unit=_UNITS[units],
-            surfaces=surfaces,
+            surfaces=tuple(surfaces),
             aperture=self._aperture(),
             field_kind=kind,
             fields=fields,
@@ -268,85 +502,144 @@ class _Reader:
             wavelengths_nm=wavelengths,
             weights=weights,
             primary=primary,
-            catalogues=tuple(self.header.get("GCAT", [])),
+            catalogues=tuple(self.header["GCAT"].values) if "GCAT" in self.header else (),
+            solves=tuple(self.solves),
         )
 
-    def _aperture(self) -> Aperture:
-        if "ENPD" in self.header:
-            return Aperture(
-                kind="entrance_diameter", value=self._number(self.header["ENPD"], 0, "ENPD")
+    def _word(self, word: str, default: str) -> str:
+        line = self.header.get(word)
+        return line.values[0].upper() if line and line.values else default
+
+    def _say_what_is_left_out(self, surfaces: list[LensSurface]) -> None:
+        for word, places in self.unknown.items():
+            more = f" and {len(places) - 1} more" if len(places) > 1 else ""
+            self.warn(
+                f"{places[0]}{more}: the word {word} is not understood and is left out; check what "
+                "it says in the design program"
             )
+        if self.coatings:
+            numbers = ", ".join(str(number) for number in self.coatings)
+            self.warn(f"surfaces {numbers}: coatings (COAT) are not taken; the faces are bare")
+        configurations = self.header.get("MNUM")
+        count = self._integer(configurations, 0) if configurations else 1
+        if count > 1 or self.configured:
+            active = int(self._optional(configurations, 1, 1.0))
+            self.warn(
+                f"has {count if count > 1 else 'several'} configurations; configuration {active}, "
+                "which was active when it was saved, is read"
+            )
+        self._say_of_air()
+        if self._optional(self.header.get("GFAC"), 0) != 0.0:
+            self.warn("the pupil is apodised (GFAC); the sources fill it evenly")
+        if any(self._column(("VANN", "ZVAN"), 99)):
+            self.warn("the vignetting of fields is turned (VANN); it is taken unturned")
+        if surfaces[0].curvature and math.isfinite(surfaces[0].thickness):
+            self.warn("surface 0: the object is curved; its points are put in a plane")
+        if sum(surface.stop for surface in surfaces) != 1:
+            marked = [str(surface.number) for surface in surfaces if surface.stop]
+            which = f"surfaces {', '.join(marked)} are marked" if marked else "no surface is marked"
+            taken = marked[0] if marked else "1"
+            self.warn(f"{which} as the stop (STOP); surface {taken} is taken")
+
+    def _say_of_air(self) -> None:
+        line = self.header.get("ENVD")
+        if line is None or self._optional(line, 2) == 0.0:
+            return
+        celsius, pressure = self._optional(line, 0, _NORMAL_C), self._optional(line, 1, _NORMAL_ATM)
+        if (celsius, pressure) != (_NORMAL_C, _NORMAL_ATM):
+            self.warn(
+                f"{line.place}: is for {celsius:g} °C and {pressure:g} atm (ENVD); indices are "
+                "taken at 20 °C in air of 1 atm, lengths as they are stored"
+            )
+
+    def _aperture(self) -> Aperture:
+        said = [word for word in _APERTURES if word in self.header]
+        if len(said) > 1:
+            self.warn(f"says its aperture twice ({', '.join(said)}); {said[0]} is taken")
+        if "ENPD" in self.header:
+            return Aperture(kind="entrance_diameter", value=self._number(self.header["ENPD"], 0))
         if "FNUM" in self.header:
-            values = self.header["FNUM"]
-            working = len(values) > 1 and self._number(values, 1, "FNUM") == 1.0
+            line = self.header["FNUM"]
             return Aperture(
-                kind="working_f_number" if working else "f_number",
-                value=self._number(values, 0, "FNUM"),
+                kind="working_f_number" if self._optional(line, 1) == 1.0 else "f_number",
+                value=self._number(line, 0),
             )
         if "OBNA" in self.header:
-            values = self.header["OBNA"]
-            value = self._number(values, 0, "OBNA")
-            if len(values) > 1 and self._number(values, 1, "OBNA") == 1.0:
+            line = self.header["OBNA"]
+            value = self._number(line, 0)
+            if self._optional(line, 1) == 1.0:
                 value = math.sin(math.radians(value))
             return Aperture(kind="object_na", value=value)
         return Aperture(kind="stop")
 
-    def _fields(
-        self,
-    ) -> tuple[
-        Literal["angle", "object_height", "paraxial_image_height", "real_image_height"],
-        tuple[FieldPoint, ...],
-        bool,
-    ]:
-        values = self.header.get("FTYP", ["0"])
-        number = self._integer(values, 0, "FTYP")
+    def _fields(self) -> tuple[FieldKind, tuple[FieldPoint, ...], bool]:
+        line = self.header.get("FTYP")
+        number = int(self._optional(line, 0))
         if not 0 <= number < len(_FIELDS):
             raise self.fail(
                 "FTYP", f"fields of type {number} are not understood; use angles or heights"
             )
-        telecentric = len(values) > 1 and self._integer(values, 1, "FTYP") == 1
-        y = self.header.get("YFLN", [])
-        count = self._integer(values, 2, "FTYP") if len(values) > 2 else max(1, len(y))
-        count = min(max(count, 1), 12, max(1, len(y)))
-        columns = [
-            self._list(word, count)
-            for word in ("XFLN", "YFLN", "FWGN", "VDXN", "VDYN", "VCXN", "VCYN")
-        ]
+        listed = max(
+            len(self.header[word].values) if word in self.header else 0
+            for word in ("XFLN", "YFLN", "XFLD", "YFLD")
+        )
+        count = int(self._optional(line, 2, float(max(listed, 1))))
+        if not 1 <= count <= max(listed, 1):
+            self.warn(
+                f"has {count} fields (FTYP), but lists {listed}; "
+                f"{min(max(count, 1), max(listed, 1))} are read"
+            )
+            count = min(max(count, 1), max(listed, 1))
+        x, y = self._column(("XFLN", "XFLD"), count), self._column(("YFLN", "YFLD"), count)
+        weights = self._column(("FWGN", "FWGT"), count, 1.0)
+        vdx, vdy = self._column(("VDXN", "ZVDX"), count), self._column(("VDYN", "ZVDY"), count)
+        vcx, vcy = self._column(("VCXN", "ZVCX"), count), self._column(("VCYN", "ZVCY"), count)
         fields = tuple(
             FieldPoint(
-                x=x,
-                y=y,
-                weight=weight if "FWGN" in self.header else 1.0,
-                vignetting=(vcx - vdx, vcx + vdx, vcy - vdy, vcy + vdy),
+                x=x[k],
+                y=y[k],
+                weight=weights[k],
+                vignetting=(vcx[k] - vdx[k], vcx[k] + vdx[k], vcy[k] - vdy[k], vcy[k] + vdy[k]),
             )
-            for x, y, weight, vdx, vdy, vcx, vcy in zip(*columns, strict=True)
+            for k in range(count)
         )
-        return _FIELDS[number], fields, telecentric
+        return _FIELDS[number], fields, self._optional(line, 1) == 1.0
 
     def _wavelengths(self) -> tuple[tuple[float, ...], tuple[float, ...], int]:
         """Wavelengths [nm], their weights, and which is the primary one."""
         if self.wavelengths:
             numbers = sorted(self.wavelengths)
-            types = self.header.get("FTYP", [])
-            if len(types) > 3:
-                count = self._integer(types, 3, "FTYP")
+            types = self.header.get("FTYP")
+            if types is not None and len(types.values) > 3:
+                count = self._integer(types, 3)
                 numbers = [number for number in numbers if number <= count] or numbers[:1]
             pairs = [self.wavelengths[number] for number in numbers]
         else:
-            values = self.header.get("WAVL") or self.header.get("WAVN") or ["0.5875618"]
-            weights = self.header.get("WWGT") or self.header.get("WWGN") or []
+            line = self.header.get("WAVL") or self.header.get("WAVN")
+            weights = self.header.get("WWGT") or self.header.get("WWGN")
+            if line is None:
+                self.warn("gives no wavelengths; 587.5618 nm is taken")
+                line = _Line("WAVL", ["0.5875618"], "WAVL")
             pairs = [
-                (
-                    self._number(values, k, "WAVL"),
-                    self._number(weights, k, "WWGT") if k < len(weights) else 1.0,
-                )
-                for k in range(len(values))
+                (self._number(line, k), self._optional(weights, k, 1.0))
+                for k in range(len(line.values))
             ]
         if min(pair[0] for pair in pairs) <= 0.0:
             raise self.fail("WAVM", "a wavelength must be positive")
-        primary = self._integer(self.header.get("PWAV", ["1"]), 0, "PWAV") - 1
+        primary = int(self._optional(self.header.get("PWAV"), 0, 1.0)) - 1
         return (
             tuple(round(1000.0 * wavelength, 9) for wavelength, _ in pairs),
             tuple(weight for _, weight in pairs),
             min(max(primary, 0), len(pairs) - 1),
         )
+
+
+def _behind(before: list[LensSurface]) -> GlassName | None:
+    """The glass behind the last surface: that before it, where it is a mirror."""
+    return next((surface.glass for surface in reversed(before) if not surface.mirror), None)
+
+
+def _is_row(values: list[str]) -> bool:
+    """Whether values are those of a row of the merit function or of the configurations."""
+    numbers = sum(bool(re.fullmatch(r"[-+.\deE]+", value)) for value in values)
+    return numbers >= _MERIT_VALUES

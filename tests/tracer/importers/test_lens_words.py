@@ -1,0 +1,399 @@
+"""Every word of a lens file is read, known to be harmless, warned about or refused: none is lost.
+
+Focal lengths are those of the thick lens, 1/f = (n - 1) (1/R1 - 1/R2 + (n - 1) d / (n R1 R2)), with
+the index 1.51680 that Schott's catalogue gives N-BK7 at the d line.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from raymap.cli import application
+from raymap.errors import SceneError
+from tests.tracer.importers.lens_texts import codev, opened, zemax
+from tracer.importers import codev_words, zemax_words
+from tracer.importers.codev import parse_codev
+from tracer.importers.zemax import parse_zemax
+from tracer.scene.load import load_scene
+
+N = 1.51680
+PAGE = Path(__file__).parents[3] / "docs" / "lens_files.md"
+
+FRONT = "STOP;TYPE STANDARD;CURV 0.02;DISZ 5;GLAS N-BK7 0 0 1.5 40;DIAM 10 0"
+BACK = "TYPE STANDARD;CURV -0.02;DISZ 46.5;DIAM 10 0"
+IMAGE = "TYPE STANDARD;CURV 0;DISZ 0"
+SINGLET = zemax(FRONT, BACK, IMAGE)
+BODY = "S 50 5 NBK7_SCHOTT\nSTO\nS -50 46\nSI 0 0"
+
+
+def thick(r1: float, r2: float, d: float, n: float = N) -> float:
+    """Focal length of a thick lens."""
+    return 1.0 / ((n - 1.0) * (1.0 / r1 - 1.0 / r2 + (n - 1.0) * d / (n * r1 * r2)))
+
+
+# -- Zemax ---------------------------------------------------------------------------------------
+
+
+def test_a_plain_file_says_nothing(tmp_path: Path) -> None:
+    lens, said = opened(tmp_path, SINGLET)
+    assert said == []
+    assert lens.design()["efl"] == pytest.approx(thick(50, -50, 5), rel=1e-5)
+
+
+@pytest.mark.parametrize("word", sorted(zemax_words.HARMLESS_IN_SURFACES))
+def test_harmless_words_of_surfaces_are_harmless(word: str, tmp_path: Path) -> None:
+    lens, said = opened(tmp_path, zemax(f"{FRONT};{word} 1 2 3", BACK, IMAGE))
+    assert said == []
+    assert lens.design()["efl"] == pytest.approx(thick(50, -50, 5), rel=1e-5)
+
+
+@pytest.mark.parametrize("word", sorted(zemax_words.HARMLESS_IN_HEAD))
+def test_harmless_words_of_the_head_are_harmless(word: str, tmp_path: Path) -> None:
+    assert opened(tmp_path, zemax(FRONT, BACK, IMAGE, head=f"{word} 1 2 3"))[1] == []
+    assert opened(tmp_path, SINGLET + f"{word} 1 2 3\n")[1] == []
+
+
+@pytest.mark.parametrize(
+    ("surface", "words"),
+    [
+        ("XYZW 1 2", r"line 18, surface 1: the word XYZW is not understood"),
+        ("EDGE 3.2", r"surface 1: the word EDGE is not understood"),
+        ("COAT AR", r"surfaces 1: coatings \(COAT\) are not taken"),
+        ("SQAP 3 4 0", r"surface 1: SQAP, a rectangular aperture, is not round"),
+        ("SPID 1 4", r"surface 1: SPID, a spider"),
+        ("OBSC 1 2 0", r"the obscuration is a ring"),
+        ("MAZH 0 0;DISZ 5", None),
+    ],
+)
+def test_words_that_change_the_lens_are_heard(
+    surface: str, words: str | None, tmp_path: Path
+) -> None:
+    text = zemax(f"{FRONT};{surface}", BACK, IMAGE)
+    said = " | ".join(opened(tmp_path, text)[1])
+    assert re.search(words or "its thickness follows", said), said
+
+
+@pytest.mark.parametrize(
+    ("surface", "words"),
+    [
+        ("SCBD 0 0 0 0.0 0.0 5.0 0.0 0.0", r"line \d+, surface 1: is tilted or decentred \(SCBD"),
+        ("SCBD 1 0 0 0 2 0 0 0", "surface 1: is tilted or decentred"),
+        ("CLAP 0 5 0;OBDC 0 50.8", r"surface 1: its aperture is decentred \(OBDC 0 50.8\)"),
+        ("TYPE COORDBRK;PARM 3 45", r"surface 1: is of type COORDBRK.*PARM 3 = 45"),
+        ("GLAS N-BK7 4 0 0.01 1", "surface 1: its glass follows from a solve of type 4"),
+        ("CURV 0.02 4 7 1", "surface 1: picks up from surface 7"),
+        ("DISZ INFINITY", "surface 1: its thickness is infinite"),
+        ("PARM x 1", "surface 1: 'x' stands where a number"),
+    ],
+)
+def test_what_moves_or_changes_a_surface_is_refused(surface: str, words: str) -> None:
+    with pytest.raises(SceneError, match=words):
+        parse_zemax(zemax(f"{FRONT};{surface}", BACK, IMAGE))
+
+
+@pytest.mark.parametrize("kind", [*sorted(set(zemax_words.TYPES) - {"COORDBRK"}), "NEWTYPE"])
+def test_other_types_of_surfaces_are_refused_by_name(kind: str) -> None:
+    with pytest.raises(SceneError, match=f"surface 1: is of type {kind}.*cannot be traced"):
+        parse_zemax(SINGLET.replace("TYPE STANDARD", f"TYPE {kind}", 1))
+
+
+def test_zeros_of_tilts_and_breaks_are_harmless(tmp_path: Path) -> None:
+    zero = "TYPE COORDBRK;PARM 1 0.0;PARM 3 0;PARM 6 1;DISZ 2"
+    still = f"{BACK};SCBD 0 0 0 0 0 0 0 0;OBDC 0 0"
+    lens, said = opened(tmp_path, zemax(zero, FRONT, still, IMAGE))
+    assert said == []
+    assert lens.design()["efl"] == pytest.approx(thick(50, -50, 5), rel=1e-5)
+    assert lens.sequence.z[-1] == pytest.approx(2.0 + 5.0 + 46.5)
+    # A break within glass stays within it
+    parts = (FRONT.replace("DISZ 5", "DISZ 2"), "TYPE COORDBRK;DISZ 3", BACK, IMAGE)
+    lens, said = opened(tmp_path, zemax(*parts))
+    assert (said, list(lens.bodies())) == ([], ["L1"])
+    assert lens.design()["efl"] == pytest.approx(thick(50, -50, 5), rel=1e-5)
+
+
+def test_unindented_files_read_the_same(tmp_path: Path) -> None:
+    plain = re.sub(r"^ +", "", SINGLET, flags=re.M) + "TOL TOFF 0 0\nEFFL 0 2 0 0 0 0 50 1 0 0\n"
+    tabbed = re.sub(r"^ +", "\t", SINGLET, flags=re.M)
+    assert parse_zemax(plain) == parse_zemax(tabbed) == parse_zemax(SINGLET)
+    moved = plain.replace("CURV -0.02", "CURV -0.02\nSCBD 0 0 0 0.0 0.0 5.0 0.0 0.0")
+    with pytest.raises(SceneError, match="surface 2: is tilted"):
+        parse_zemax(moved)
+    assert "XYZW" in " ".join(opened(tmp_path, plain.replace("STOP", "STOP\nXYZW 3"))[1])
+
+
+def test_pickups_are_followed(tmp_path: Path) -> None:
+    second = "CURV -0.03 4 1 -1 0;DISZ 46.5"
+    lens, said = opened(tmp_path, zemax(FRONT, second, IMAGE))
+    assert lens.design()["efl"] == pytest.approx(thick(50, -50, 5), rel=1e-5)
+    assert "the curvature is stored as -0.03, but CURV -0.03 4 1 -1 0 makes it -0.02" in said[0]
+    with pytest.raises(SceneError, match="neither 0.06 nor 0.00666"):
+        parse_zemax(zemax(FRONT, "CURV -0.03 4 1 3 0;DISZ 46.5", IMAGE))
+    lens, said = opened(tmp_path, zemax(FRONT, f"{BACK};PZUP 1 2 0.5 0", IMAGE))
+    assert lens.sequence.z[2:].tolist() == [5.0, 15.5]
+    assert "the thickness is stored as 46.5, but PZUP 1 2 0.5 0 makes it 10.5" in said[0]
+    asphere = "STOP;TYPE EVENASPH;CURV 0.02;DISZ 5;GLAS N-BK7;PARM 2 1e-6;DIAM 8 0"
+    picked = "TYPE EVENASPH;CURV -0.02;DISZ 46;PPAR 2 1 -1 0 0;DIAM 8 0"
+    lens, said = opened(tmp_path, zemax(asphere, picked, IMAGE))
+    assert lens.prescription.surfaces[2].aspheric == (-1e-6,)
+    assert len(said) == 1
+
+
+def test_a_marginal_height_is_solved(tmp_path: Path) -> None:
+    # Paraxial back focal length of a thick lens: f (1 - (n - 1) d / (n R1))
+    f = thick(50, -50, 5)
+    back = f * (1.0 - (N - 1.0) * 5 / (N * 50))
+    lens, said = opened(tmp_path, zemax(FRONT, f"{BACK};MAZH 0 0".replace("46.5", "30"), IMAGE))
+    assert lens.sequence.z[-1] == pytest.approx(5.0 + back, rel=2e-5)
+    assert "surface 2: its thickness follows from a ray as 47.5" in said[0]
+    assert opened(tmp_path, zemax(FRONT, f"{BACK};MAZH 0 0".replace("46.5", "47.51"), IMAGE))[1] == []
+
+
+def test_all_fields_are_read(tmp_path: Path) -> None:
+    angles = [0.3 * k for k in range(15)]
+    y = " ".join(str(angle) for angle in angles)
+    head = f"FTYP 0 0 15 1\nXFLN {'0 ' * 15}\nYFLN {y}\nFWGN {'1 ' * 15}"
+    lens, said = opened(tmp_path, zemax(FRONT, BACK, IMAGE, head=head))
+    assert said == []
+    assert [field.y for field in lens.prescription.fields] == angles
+    assert list(lens.sources()) == ["axis", *(f"field_{k}" for k in range(2, 16))]
+    old = "FTYP 0 0 3 1\nXFLD 0 0 0\nYFLD 0 5 10\nFWGT 1 0.5 0"
+    lens, said = opened(tmp_path, zemax(FRONT, BACK, IMAGE, head=old))
+    assert [(f.y, f.weight) for f in lens.prescription.fields] == [(0, 1), (5, 0.5), (10, 0)]
+    assert "field 3 has the weight 0; its source is switched off" in said[0]
+    few = "FTYP 0 0 3 1\nXFLN 0\nYFLN 0"
+    assert "has 3 fields (FTYP), but lists 1" in opened(
+        tmp_path, zemax(FRONT, BACK, IMAGE, head=few)
+    )[1][0]
+
+
+@pytest.mark.parametrize(
+    ("head", "words"),
+    [
+        ("ENVD 60 1 1", r"is for 60 °C and 1 atm \(ENVD\)"),
+        ("ENVD 20 0 1", "is for 20 °C and 0 atm"),
+        ("MNUM 3 2", "has 3 configurations; configuration 2, which was active"),
+        ("MCON 1 THIC 2", "has several configurations"),
+        ("GFAC 1 0.5", "the pupil is apodised"),
+        ("ENPD 12", "ENPD stands twice"),
+        ("FNUM 4 0", r"says its aperture twice \(ENPD, FNUM\)"),
+        ("QQQQ 1", "line 6: the word QQQQ is not understood"),
+        ("FTYP 0 0 1 1\nVANN 30", "vignetting of fields is turned"),
+    ],
+)
+def test_words_of_the_head_are_heard(head: str, words: str, tmp_path: Path) -> None:
+    lens, said = opened(tmp_path, zemax(FRONT, BACK, IMAGE, head=head))
+    assert re.search(words, " | ".join(said)), said
+    assert lens.design()["efl"] == pytest.approx(thick(50, -50, 5), rel=1e-5)
+
+
+def test_air_at_20_degrees_is_no_news(tmp_path: Path) -> None:
+    for said in ("ENVD 20 1 1", "ENVD 60 1 0"):  # the second: the program does not use it
+        assert opened(tmp_path, zemax(FRONT, BACK, IMAGE, head=said))[1] == []
+
+
+def test_surfaces_are_numbered_in_order() -> None:
+    with pytest.raises(SceneError, match="surface 3: stands where surface 2 is expected"):
+        parse_zemax(SINGLET.replace("SURF 2", "SURF 3", 1))
+
+
+def test_apertures_of_empty_surfaces_stand_as_rings(tmp_path: Path) -> None:
+    ring = "CURV 0;DISZ 10;DIAM 4 1;CLAP 0 4 0"
+    lens, said = opened(tmp_path, zemax(ring, FRONT, BACK, IMAGE))
+    assert said == []
+    table = lens.bodies()["aperture_1"]
+    assert (table["kind"], table["inner"], table["position"]) == ("ring", 4.0, [0.0, 0.0, 0.0])
+    # A fixed semi-diameter alone is no aperture where nothing is bent
+    assert "aperture_1" not in opened(tmp_path, zemax(ring[:24], FRONT, BACK, IMAGE))[0].bodies()
+
+
+def test_places_that_light_does_not_reach_are_refused(tmp_path: Path) -> None:
+    virtual = "STOP;CURV 0;DISZ 56.5"
+    parts = (FRONT[5:], BACK.replace("46.5", "-10"), virtual, IMAGE)
+    with pytest.raises(SceneError, match="surface 3: lies 10 before surface 2"):
+        opened(tmp_path, zemax(*parts))
+
+
+# -- CODE V --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("word", sorted(set(codev_words.HARMLESS) - {"END"}))
+def test_harmless_commands_are_harmless(word: str, tmp_path: Path) -> None:
+    lens, said = opened(tmp_path, codev(BODY.replace("STO", f"STO\n{word} 0 0")), ".seq")
+    assert said == []
+    assert lens.design()["efl"] == pytest.approx(thick(50, -50, 5), rel=1e-5)
+
+
+def test_commands_after_the_image_are_obeyed(tmp_path: Path) -> None:
+    text = codev(
+        BODY + "\nASP S1\nK S1 -1.0\nA S1 -1.0E-05\nTHI S2 30.0\nRDY S2 -80.0\nCIR S1..2 7\n"
+        "GLA S1 NSF11_SCHOTT"
+    )
+    lens, said = opened(tmp_path, text, ".seq")
+    front, back = lens.prescription.surfaces[1:3]
+    assert (front.conic, front.aspheric, back.curvature) == (-1.0, (-1e-5,), -1.0 / 80.0)
+    assert (front.semi_diameter, back.semi_diameter, back.thickness) == (7.0, 7.0, 30.0)
+    assert said == []
+    # Schott: N-SF11 has the index 1.78472 at the d line
+    assert lens.design()["efl"] == pytest.approx(thick(50, -80, 5, 1.78472), rel=1e-5)
+
+
+@pytest.mark.parametrize("stop", ["STO S3", "S3 0 5\nSTO"])
+def test_surfaces_are_spoken_of_by_number(stop: str, tmp_path: Path) -> None:
+    third = "S3 0 5\nS4 0 41" if stop.startswith("STO") else f"{stop}\nS4 0 41"
+    after = stop if stop.startswith("STO") else ""
+    body = f"S1 50 5 NBK7_SCHOTT\nS2 -50 1\n{third}\nSI 0 0\n{after}"
+    lens, said = opened(tmp_path, codev(body), ".seq")
+    assert (lens.prescription.stop, said) == (3, [])
+    changed = parse_codev(codev(body + "\nS2 -60 2"))
+    assert (changed.surfaces[2].curvature, changed.surfaces[2].thickness) == (-1 / 60, 2.0)
+    with pytest.raises(SceneError, match="S7 stands where S3 is expected"):
+        parse_codev(codev("S1 50 5 BK7\nS2 -50 1\nS7 0 1\nSI 0 0"))
+    with pytest.raises(SceneError, match="speaks of surface S9, which does not stand"):
+        parse_codev(codev(BODY + "\nTHI S9 3"))
+
+
+def test_a_mirror_by_its_mode_is_a_mirror(tmp_path: Path) -> None:
+    lens, _ = opened(tmp_path, codev("S -200 -100\n RMD REFL\n STO\nSI 0 0"), ".seq")
+    assert list(lens.bodies()) == ["M1"]
+    assert lens.design()["efl"] == pytest.approx(100.0)  # R / 2
+    with pytest.raises(SceneError, match="RMD TIR is not understood"):
+        parse_codev(codev("S -200 -100\nRMD TIR\nSTO\nSI 0 0"))
+
+
+def test_the_first_position_of_a_zoom_lens_is_read(tmp_path: Path) -> None:
+    body = BODY.replace("\nSI", "\nZOO THI S2 44 30\nSI").replace("SI 0 0", "SI 0 0\nZOO YAN F1 0 0")
+    head = "RDM;LEN\nZOO 2\nTIT Z1 'wide'\nTIT Z2 'tele'\nZOO EPD 8 10"
+    lens, said = opened(tmp_path, codev(body, head).replace("\nEPD 10", ""), ".seq")
+    assert len(said) == 1
+    assert "line 2: is a zoom lens of 2 positions (ZOO); the first is read" in said[0]
+    assert (lens.prescription.aperture.value, lens.prescription.surfaces[2].thickness) == (8, 44)
+    with pytest.raises(SceneError, match="does not give a value for each of 2 positions"):
+        parse_codev(codev(BODY + "\nZOO THI S2", "RDM\nZOO 2"))
+
+
+def test_a_defocus_moves_the_image(tmp_path: Path) -> None:
+    f = thick(50, -50, 5)
+    back = f * (1.0 - (N - 1.0) * 5 / (N * 50))
+    body = f"S 50 5 NBK7_SCHOTT\nSTO\nS -50 {back:.6f}\nPIM\nSI 0 -0.4"
+    lens, said = opened(tmp_path, codev(body), ".seq")
+    assert said == []
+    assert lens.sequence.z[-1] == pytest.approx(5 + back - 0.4, abs=1e-4)
+    stale = opened(tmp_path, codev(body.replace(f"{back:.6f}", "20")), ".seq")[0]
+    assert stale.sequence.z[-1] == pytest.approx(5 + back - 0.4, abs=2e-3)
+
+
+def test_code_v_pickups_are_followed(tmp_path: Path) -> None:
+    lens, said = opened(tmp_path, codev(BODY + "\nPIK RDY S2 Z1 RDY S1 Z1 -1.0"), ".seq")
+    assert said == []
+    text = codev(BODY + "\nPIK RDY S2 RDY S1 -2\nPIK THI S2 THI S1 2 1\nPIK XYZ S1 XYZ S2")
+    lens, said = opened(tmp_path, text, ".seq")
+    assert lens.prescription.surfaces[2].curvature == -0.01
+    assert lens.prescription.surfaces[2].thickness == 11.0
+    assert len(said) == 3
+    assert "PIK XYZ S1 XYZ S2 is not followed" in said[-1] + said[0]
+
+
+@pytest.mark.parametrize(
+    ("glass", "index"),
+    [
+        ("1.5168:64.17", 1.5168),
+        ("517.642", 1.517),
+        ("516800.641700", 1.5168),
+        ("'GLUE'", 1.5597),
+        ("'TABLE'", 1.61),
+    ],
+)
+def test_glasses_of_the_file(glass: str, index: float, tmp_path: Path) -> None:
+    private = (
+        "PRV\nPWL 656.3 587.6 486.1\n'GLUE' LAU 2.36390625 0.0 0.025493134 -0.000580235 0 0\n"
+        "'TABLE' 1.60 1.61 1.63\n'OTHER' SEL 1 2 3\nEND\n"
+    )
+    body = BODY.replace("NBK7_SCHOTT", glass)
+    lens, said = opened(tmp_path, codev(private + body), ".seq")
+    assert said == []
+    # Of the Laurent series n² = A0 + A1 λ² + A2 λ⁻² + …: 2.4325 at 0.5876 µm
+    assert lens.sequence.indices[1, 0] == pytest.approx(index, abs=1e-4)
+    with pytest.raises(SceneError, match="its private glass OTHER has the formula SEL"):
+        parse_codev(codev(private + BODY.replace("NBK7_SCHOTT", "'OTHER'")))
+
+
+def test_numbers_without_a_mode_are_curvatures_if_they_can_be(tmp_path: Path) -> None:
+    head = "TIT 'x'"
+    lens, said = opened(
+        tmp_path, codev("S 0.02 3 NBK7_SCHOTT\nSTO\nS -0.02 48\nSI 0 0", head), ".seq"
+    )
+    assert lens.design()["efl"] == pytest.approx(thick(50, -50, 3), rel=1e-5)
+    assert "they are read as curvatures" in said[0]
+    with pytest.raises(SceneError, match="could be either"):
+        parse_codev(codev("S 0.5 3 NBK7_SCHOTT\nSTO\nS -50 48\nSI 0 0", head))
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        ("WIBBLE 3", "surface 1: the command WIB is not understood"),
+        ("REX 4", "its aperture REX is rectangular"),
+        ("PUI 0.5", "the pupil is apodised"),
+        ("MLT 'x'", "coatings are not taken"),
+        ("TEM 60", r"is for 60 °C \(TEM\)"),
+        ("THI OAL S1..2 20", "the solve THI OAL 20 is not evaluated"),
+    ],
+)
+def test_commands_that_change_the_lens_are_heard(command: str, words: str, tmp_path: Path) -> None:
+    text = codev(BODY.replace("STO", f"STO\n{command}"))
+    assert re.search(words, " | ".join(opened(tmp_path, text, ".seq")[1]))
+
+
+@pytest.mark.parametrize("command", sorted(codev_words.MOVED))
+def test_shifts_are_refused_and_zeros_are_not(command: str, tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match=f"surface 1: is shifted or tilted .{command} 1"):
+        parse_codev(codev(BODY.replace("STO", f"STO\n{command} 1")))
+    assert opened(tmp_path, codev(BODY + f"\n{command} S2 0"), ".seq")[1] == []
+
+
+@pytest.mark.parametrize("command", sorted(codev_words.TYPES))
+def test_other_surfaces_are_refused(command: str) -> None:
+    with pytest.raises(SceneError, match=rf"surface 1: is .*\({command}\)"):
+        parse_codev(codev(BODY.replace("STO", f"STO\n{command} 1")))
+
+
+# -- both ----------------------------------------------------------------------------------------
+
+
+def test_check_says_what_was_warned_of(tmp_path: Path) -> None:
+    path = tmp_path / "lens.zmx"
+    path.write_text(zemax(FRONT, BACK, IMAGE, head="ENVD 60 1 1\nQQQQ 3"), encoding="utf-8")
+    result = CliRunner().invoke(application(), ["check", str(path)])
+    assert result.exit_code == 0
+    assert result.stderr.count("ENVD") == 1
+    assert "QQQQ" in result.stderr
+    result = CliRunner().invoke(application(), ["check", str(path), "--json"])
+    report = json.loads(result.stdout)
+    assert [line.split(":")[0] for line in report["warnings"]] == ["lens.zmx", "lens.zmx"]
+
+
+@pytest.mark.parametrize("suffix", [".zar", ".zos", ".len", ".roa", ".ZMX.zar"])
+def test_other_files_of_lens_programs_are_named(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"lens{suffix}"
+    path.write_bytes(bytes(range(256)))
+    with pytest.raises(SceneError, match=rf"lens{suffix}: is .*save the lens as .*(zmx|seq)"):
+        load_scene(path)
+
+
+def test_the_page_lists_the_harmless_words() -> None:
+    page = PAGE.read_text(encoding="utf-8")
+    words = re.findall(r"`([A-Z]{1,4})`", page)
+    for table in (
+        zemax_words.HARMLESS_IN_HEAD,
+        zemax_words.HARMLESS_IN_SURFACES,
+        zemax_words.APERTURES_NOT_ROUND,
+        codev_words.HARMLESS,
+        codev_words.NOT_TAKEN,
+        codev_words.APERTURES_NOT_ROUND,
+    ):
+        assert set(table) <= set(words)
