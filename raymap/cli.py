@@ -101,12 +101,17 @@ def opened_map(path: Path, strict: bool = False) -> Iterator[RayMap]:
 
 
 @contextlib.contextmanager
-def warnings_on_stderr() -> Iterator[None]:
-    """Print each different warning of the block once on stderr, when it ends normally."""
+def warnings_on_stderr() -> Iterator[list[str]]:
+    """Print each different warning of the block once on stderr, when it ends normally.
+
+    Yields the list that their texts are put into.
+    """
+    said: list[str] = []
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        yield
-    for text in dict.fromkeys(str(item.message) for item in caught):
+        yield said
+    said += dict.fromkeys(str(item.message) for item in caught)
+    for text in said:
         typer.echo(f"warning: {text}", err=True)
 
 

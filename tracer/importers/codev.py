@@ -544,7 +544,9 @@ class _Reader:
         weights = [weights[k] if k < len(weights) else 1.0 for k in range(len(wavelengths))]
         if min(wavelengths) <= 0.0:
             raise self.fail("WL", "a wavelength must be positive")
-        reference = self.lists.get("REF") or [1 + len(wavelengths) // 2]
+        reference = (self.lists.get("REF") or [1 + len(wavelengths) // 2])[0]
+        if not 1 <= reference <= len(wavelengths):
+            raise self.fail("REF", f"there is no wavelength {reference:g}")
         defocus = self.drafts[-1].thickness
         self.drafts[-1].thickness = 0.0
         self.drafts[-2].thickness += defocus
@@ -559,7 +561,7 @@ class _Reader:
             fields=fields,
             wavelengths_nm=tuple(wavelengths),
             weights=tuple(weights),
-            primary=min(max(int(reference[0]) - 1, 0), len(wavelengths) - 1),
+            primary=int(reference) - 1,
             solves=tuple(self._placed(solve, defocus) for solve in self.solves),
         )
 

@@ -206,6 +206,12 @@ class _Reader:
             return default
         return self._number(line, index)
 
+    def _whole(self, line: _Line | None, index: int, default: float = 0.0) -> int:
+        """As `_optional`, of a whole number."""
+        if line is None or index >= len(line.values):
+            return int(default)
+        return self._integer(line, index)
+
     def _column(self, words: tuple[str, ...], count: int, default: float = 0.0) -> list[float]:
         """Values of the first of some words that the head has, filled up with ``default``."""
         line = next((self.header[word] for word in words if word in self.header), None)
@@ -300,7 +306,7 @@ class _Reader:
         number, source = self._integer(line, 0), self._integer(line, 1)
         if not 0 <= source < len(self.blocks):
             raise self.fail(line.place, f"takes a parameter from surface {source}, which is none")
-        column = int(self._optional(line, 4)) or number
+        column = self._whole(line, 4) or number
         value = self._optional(line, 2, 1.0) * self.blocks[source].parameters.get(column, 0.0)
         value += self._optional(line, 3)
         self._compare(line, block.parameters.get(number, 0.0), value, f"parameter {number}")
@@ -318,7 +324,7 @@ class _Reader:
         line = block.lines.get("CURV")
         if line is None:
             return 0.0
-        value, solve = self._number(line, 0), int(self._optional(line, 1))
+        value, solve = self._number(line, 0), self._whole(line, 1)
         if solve == _CURVATURE_PICKUP:
             source = self._source(line, self._integer(line, 2), before)
             scale = self._optional(line, 3, 1.0)
@@ -410,7 +416,7 @@ class _Reader:
         name = line.values[0]
         if name.upper() == "MIRROR":
             return None, True
-        solve = int(self._optional(line, 1))
+        solve = self._whole(line, 1)
         if solve == _PICKED_UP and len(line.values) > 2:
             source = before[self._source(line, self._integer(line, 2), before)]
             return source.glass, source.mirror
@@ -523,7 +529,7 @@ class _Reader:
         configurations = self.header.get("MNUM")
         count = self._integer(configurations, 0) if configurations else 1
         if count > 1 or self.configured:
-            active = int(self._optional(configurations, 1, 1.0))
+            active = self._whole(configurations, 1, 1.0)
             self.warn(
                 f"has {count if count > 1 else 'several'} configurations; configuration {active}, "
                 "which was active when it was saved, is read"
@@ -574,7 +580,7 @@ class _Reader:
 
     def _fields(self) -> tuple[FieldKind, tuple[FieldPoint, ...], bool]:
         line = self.header.get("FTYP")
-        number = int(self._optional(line, 0))
+        number = self._whole(line, 0)
         if not 0 <= number < len(_FIELDS):
             raise self.fail(
                 "FTYP", f"fields of type {number} are not understood; use angles or heights"
@@ -583,7 +589,7 @@ class _Reader:
             len(self.header[word].values) if word in self.header else 0
             for word in ("XFLN", "YFLN", "XFLD", "YFLD")
         )
-        count = int(self._optional(line, 2, float(max(listed, 1))))
+        count = self._whole(line, 2, float(max(listed, 1)))
         if not 1 <= count <= max(listed, 1):
             self.warn(
                 f"has {count} fields (FTYP), but lists {listed}; "
@@ -626,7 +632,7 @@ class _Reader:
             ]
         if min(pair[0] for pair in pairs) <= 0.0:
             raise self.fail("WAVM", "a wavelength must be positive")
-        primary = int(self._optional(self.header.get("PWAV"), 0, 1.0)) - 1
+        primary = self._whole(self.header.get("PWAV"), 0, 1.0) - 1
         return (
             tuple(round(1000.0 * wavelength, 9) for wavelength, _ in pairs),
             tuple(weight for _, weight in pairs),

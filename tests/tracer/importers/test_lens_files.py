@@ -246,13 +246,17 @@ def test_a_code_v_lens(tmp_path: Path) -> None:
 
 
 def test_curvatures_or_radii(tmp_path: Path) -> None:
-    by_radius = parse_codev("RDM\nEPD 5\nSO 0 1e11\nS 50 3 BK7\nSTO\nS -50 40\nSI 0 0\nGO\n")
-    by_curvature = parse_codev("rdm n\nepd 5\nso 0 1e11\ns .02 3 bk7\nsto\ns -.02 40\nsi 0 0\n")
+    by_radius = parse_codev(
+        "RDM\nWL 587.6\nEPD 5\nSO 0 1e11\nS 50 3 BK7\nSTO\nS -50 40\nSI 0 0\nGO\n"
+    )
+    by_curvature = parse_codev(
+        "rdm n\nwl 587.6\nepd 5\nso 0 1e11\ns .02 3 bk7\nsto\ns -.02 40\nsi 0 0\n"
+    )
     for a, b in zip(by_radius.surfaces, by_curvature.surfaces, strict=True):
         assert a.curvature == b.curvature
     assert by_curvature.stop == 1
     with pytest.warns(ImportWarning, match=r"radii \(RDM\) or curvatures"):
-        unsaid = parse_codev("EPD 5\nSO 0 1e11\nS 50 3 BK7\nSTO\nS -50 40\nSI 0 0\n")
+        unsaid = parse_codev("WL 587.6\nEPD 5\nSO 0 1e11\nS 50 3 BK7\nSTO\nS -50 40\nSI 0 0\n")
     assert unsaid.surfaces == by_radius.surfaces
 
 
@@ -291,7 +295,7 @@ def test_edges_that_cross_are_trimmed(tmp_path: Path) -> None:
     ("change", "words"),
     [
         (("STANDARD\n  CURV -0.02", "BICONICX\n  CURV -0.02"), "surface 2: is of type BICONICX"),
-        (("STANDARD\n  CURV 0\n", "COORDBRK\n  CURV 0\n"), "surface 3: is of type COORDBRK"),
+        (("STANDARD\n  CURV 0\n", "COORDBRK\n  PARM 3 5\n"), "surface 3: is of type COORDBRK"),
         (("N-BK7", "N-BK77"), "surface 1: no catalogue .* 'N-BK77'; the nearest names are N-BK7"),
         (("CURV 0.02", "CURV o.o2"), "surface 1: 'o.o2' stands where a number"),
         (("MODE SEQ", "MODE NSC"), "is not sequential"),
