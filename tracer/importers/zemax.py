@@ -13,7 +13,7 @@ import re
 import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from raymap.errors import SceneError
 from tracer.importers.prescription import (
@@ -440,7 +440,7 @@ class _Reader:
             return GlassName(name=name, model=values), False
         return GlassName(name=name, said=None if values in _PLACEHOLDERS else values), False
 
-    def _apertures(self, block: _Block) -> dict[str, float | bool | None]:
+    def _apertures(self, block: _Block) -> dict[str, Any]:
         """Semi-diameter, hole and obscuration of a surface."""
         for word, called in APERTURES_NOT_ROUND.items():
             if word in block.lines:
