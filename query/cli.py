@@ -266,7 +266,7 @@ def image(
             emit_json(written[0] | ({"layers": written[1:]} if written[1:] else {}))
             return
         for item, picture in zip(written, pictures.values(), strict=True):
-            peak = "" if item["peak"] is None else f", peak {item['peak']:.4g} {item['peak_unit']}"
+            peak = "" if item["peak"] is None else f", peak {_peak(item)}"
             counted = f"from {item['registrations']:,} registrations"
             if item["summed_while_tracing"]:
                 counted = "through an opening of unit area, summed up while tracing"
@@ -275,6 +275,12 @@ def image(
             )
             if speckle := _speckle(picture, bin):
                 typer.echo(speckle)
+
+
+def _peak(item: dict[str, Any]) -> str:
+    from query.readings import with_error
+
+    return f"{with_error(item['peak'], item['peak_se'])} {item['peak_unit']}"
 
 
 def _speckle(picture: Any, bin: int) -> str:
@@ -292,15 +298,17 @@ def _speckle(picture: Any, bin: int) -> str:
 def _written(path: Path, picture: Any, kind: str | None) -> dict[str, Any]:
     """What a picture holds, in numbers: in the unit of its kind, else in that of the map."""
     from query.image_files import QUANTITIES
+    from query.readings import readings
     from raymap.cells import is_pinhole
 
-    name, unit, peak = picture.density_name, picture.density_unit, None
+    name, unit, peak = picture.density_name, picture.density_unit, {}
     flux_unit = picture.flux_unit
     if kind in QUANTITIES:
         values, _, unit = picture.quantity(kind)
-        name, peak, flux_unit = kind, float(values.max()), "W" if unit.startswith("W") else "lm"
+        name, flux_unit = kind, "W" if unit.startswith("W") else "lm"
+        peak = readings(picture, values, unit)
     elif picture.measure is not None:
-        peak = float(picture.density().max())
+        peak = readings(picture, picture.density(), unit)
     return {
         "output": str(path),
         "detector": picture.detector.name,
@@ -311,7 +319,8 @@ def _written(path: Path, picture: Any, kind: str | None) -> dict[str, Any]:
         "grain": picture.grain,
         "summed_while_tracing": is_pinhole(picture.detector),
         "quantity": name,
-        "peak": peak,
+        "peak": peak.get("peak"),
+        "peak_se": peak.get("peak_se"),
         "peak_unit": unit,
         "cell_area_m2": picture.cell_area_m2,
     }

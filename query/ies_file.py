@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from query.beams import beam_of
 from query.pictures import DetectorImage
 from raymap.errors import RayMapError
 
@@ -30,8 +31,8 @@ def write_ies(image: DetectorImage, path: Path) -> None:
 def ies_text(image: DetectorImage, *, issued: date | None = None) -> str:
     """An IES LM-63-2002 file of a far field.
 
-    Cells become values at the angles between them, the mean of the cells about each; at gamma 0
-    that of all around. The luminaire is a point, the lumens are those of its intensities.
+    The intensities are those of `query.beams`, at the corners of cells: what charts draw. The
+    luminaire is a point, the lumens are those of its intensities.
 
     Raises
     ------
@@ -51,7 +52,7 @@ def ies_text(image: DetectorImage, *, issued: date | None = None) -> str:
             f"an IES file has C planes and gamma from 0 on: give the detector {detector.name!r} "
             'angles = "type_c" and gamma_deg = [0, …], or write .csv'
         )
-    c, angles, candela = _grid(image.candela, float(gamma[1]))
+    c, angles, candela = _planes(image)
     name = "".join(ch if " " <= ch <= "~" else "?" for ch in detector.name)
     lines = [
         "IESNA:LM-63-2002",
@@ -71,18 +72,14 @@ def ies_text(image: DetectorImage, *, issued: date | None = None) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _grid(cells: Array, last: float) -> tuple[Array, Array, Array]:
-    """C and gamma [deg] between cells, and (n_c, n_gamma) values there."""
-    n_gamma, n_c = cells.shape
-    around = 0.5 * (cells + np.roll(cells, 1, axis=1))
-    between = 0.5 * (around[1:] + around[:-1])
-    pole = np.full((1, n_c), cells[0].mean())
-    end = np.full((1, n_c), cells[-1].mean()) if last == 180.0 else around[-1:]
-    values = np.concatenate((pole, between, end)).T
-    gamma = np.linspace(0.0, last, n_gamma + 1)
-    if n_c == 1:
-        return np.zeros(1), gamma, values
-    return np.linspace(0.0, 360.0, n_c + 1), gamma, np.concatenate((values, values[:1]))
+def _planes(image: DetectorImage) -> tuple[Array, Array, Array]:
+    """C and gamma [deg], and (n_c, n_gamma) candela."""
+    beam = beam_of(image, image.candela)
+    values = beam.values.T
+    if len(values) == 1:
+        return np.zeros(1), beam.gamma_deg, values
+    c = np.append(beam.c_deg, 360.0)
+    return c, beam.gamma_deg, np.concatenate((values, values[:1]))
 
 
 def _rows(numbers: Array, form: str) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,17 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from query import DetectorImage, detector_image
+from query.beams import BeamPlane, beam_of
+from query.readings import reading_lines, readings
 from raymap import RayMap
 from raymap.errors import MissingExtra, RayMapError
 from raymap.replacing import replacing
-from viewer.chart_numbers import BeamPlane, beam_planes, numbers_of
 from viewer.falsecolor import COLORMAPS, apply_colormap
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["chart", "lines_of"]
+__all__ = ["chart"]
 
 Array = NDArray[np.float64]
 
@@ -67,7 +69,7 @@ def chart(
 
     Returns
     -------
-    what stands below the chart: flux, peak, mean, evenness, angles of the beam
+    what stands below the chart (`query.readings`): flux, peak, mean, evenness, angles of the beam
 
     Raises
     ------
@@ -85,16 +87,18 @@ def chart(
     figure = _figure()
     image = detector_image(map, detector, criterion, bin=bin)
     density, quantity, unit = _density(image, luminous)
-    numbers = numbers_of(image, density, unit)
+    is_beam = image.detector.kind == "far_field" and image.measure is not None
+    beam = beam_of(image, density) if is_beam else None
+    numbers = readings(image, density, unit, beam)
     label = f"{quantity} [{unit}]"
-    if "planes" in numbers:
-        _far_field(figure, beam_planes(image, density), label, log, low, high)
+    if beam is not None:
+        _far_field(figure, beam.planes, label, log, low, high)
     else:
         _false_colors(figure, image, density, label, (log, low, high), at, colors)
     what = "" if criterion is None else f": {criterion}"
     heading = title if title is not None else f"{map.directory.title} – {detector}{what}"
     figure.suptitle(_cut(heading.removeprefix(" – "), 90), fontsize=11)
-    figure.text(0.5, 0.015, "   ".join(lines_of(numbers)), ha="center", fontsize=9)
+    figure.text(0.5, 0.015, _wrapped(reading_lines(numbers)), ha="center", fontsize=9)
     with replacing(target) as beside:
         figure.savefig(beside, dpi=130, format=target.suffix[1:].lower())
     return numbers
@@ -124,28 +128,16 @@ def _density(image: DetectorImage, luminous: bool) -> tuple[Array, str, str]:
     return image.density(luminous=luminous), name, unit
 
 
-def lines_of(numbers: dict[str, Any]) -> list[str]:
-    """The numbers of a chart in words."""
-    unit = numbers["unit"]
-    lines = [f"peak {numbers['peak']:.4g} {unit}"]
-    if numbers["registrations"]:
-        flux = f"{numbers['flux']:.5g} {numbers['flux_unit']}"
-        lines.insert(0, f"{flux}, {numbers['registrations']:,} registrations")
-    for plane in numbers.get("planes", ()):
-        words = [
-            f"{name} {plane[key]:.3g}°"
-            for name, key in (("beam (50 %)", "beam_deg"), ("field (10 %)", "field_deg"))
-            if plane[key] is not None
-        ]
-        if words:
-            lines.append(f"{plane['plane']}: {', '.join(words)}")
-    if "planes" not in numbers and numbers["min_over_mean"] is not None:
-        lines += [
-            f"mean {numbers['mean']:.4g} {unit}",
-            f"min/mean {numbers['min_over_mean']:.2f}",
-            f"min/max {numbers['min_over_max']:.2f}",
-        ]
-    return lines
+def _wrapped(lines: list[str], room: int = 130) -> str:
+    """Lines of text side by side, as many as fit below a chart."""
+    rows = [""]
+    for line in lines:
+        longer = f"{rows[-1]}   {line}" if rows[-1] else line
+        if rows[-1] and len(longer) > room:
+            rows.append(line)
+        else:
+            rows[-1] = longer
+    return "\n".join(rows)
 
 
 def _ends(values: Array, log: bool, low: float | None, high: float | None) -> tuple[float, float]:
@@ -161,7 +153,7 @@ def _ends(values: Array, log: bool, low: float | None, high: float | None) -> tu
 
 def _far_field(
     figure: Figure,
-    planes: list[BeamPlane],
+    planes: Sequence[BeamPlane],
     label: str,
     log: bool,
     low: float | None,
@@ -177,6 +169,8 @@ def _far_field(
     for plane, color in zip(planes, _COLORS, strict=False):
         polar.plot(np.radians(plane.gamma_deg), plane.values, color=color, label=plane.name)
         plain.plot(plane.gamma_deg, plane.values, color=color, label=plane.name)
+        spread = np.maximum(plane.values - plane.se, bottom), plane.values + plane.se
+        plain.fill_between(plane.gamma_deg, *spread, color=color, alpha=0.2, lw=0)
         lit = np.abs(plane.gamma_deg[plane.values > 0.002 * top])
         reach = max(reach, 1.1 * float(lit.max())) if len(lit) else reach
     polar.set_ylim(0.0, top)
@@ -187,8 +181,9 @@ def _far_field(
     widest = min(180.0, reach) if not log else float(np.abs(planes[0].gamma_deg).max())
     plain.set_xlim(-widest, widest)
     _scale(plain, log, bottom, top)
-    plain.axhline(0.5 * top, color="0.7", lw=0.6, ls="--")
-    plain.axhline(0.1 * top, color="0.7", lw=0.6, ls=":")
+    highest = max(plane.peak[0] for plane in planes)
+    plain.axhline(0.5 * highest, color="0.7", lw=0.6, ls="--")
+    plain.axhline(0.1 * highest, color="0.7", lw=0.6, ls=":")
     plain.set_xlabel("gamma [deg]")
     plain.set_ylabel(label)
     plain.legend(fontsize=8, frameon=False)

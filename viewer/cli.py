@@ -140,8 +140,8 @@ def chart(
     strict: Strict = False,
 ) -> None:
     """Draw what a detector measures: scale, cross sections, candela diagram, beam angles."""
+    from query.readings import reading_lines
     from viewer.charts import chart as draw
-    from viewer.charts import lines_of
 
     with opened_map(map, strict) as ray_map:
         numbers = draw(
@@ -161,7 +161,7 @@ def chart(
         if json:
             emit_json({"output": str(output), **numbers, "damaged": len(ray_map.damage)})
             return
-    typer.echo("\n".join((f"wrote {output}", *lines_of(numbers))))
+    typer.echo("\n".join((f"wrote {output}", *reading_lines(numbers))))
 
 
 def parse_section(text: str | None) -> Any:

@@ -11,11 +11,12 @@ import pytest
 from typer.testing import CliRunner
 
 from query import detector_image
+from query.beams import beam_of, full_angle
+from query.readings import readings
 from raymap import RayMap, RayMapError
 from raymap.cli import application
 from tests.far_fields import far_field
 from viewer import chart
-from viewer.chart_numbers import beam_planes, full_angle, numbers_of
 
 
 @pytest.mark.parametrize("power", [1.0, 3.0, 40.0])
@@ -36,20 +37,22 @@ def test_a_curve_that_does_not_fall_has_no_angle() -> None:
 
 def test_planes_of_a_beam_that_is_wide_across_and_narrow_along() -> None:
     image = far_field(lambda g, c: np.cos(g) ** np.where(np.abs(np.cos(c)) > 0.7, 2, 30), (24, 180))
-    wide, narrow = beam_planes(image, image.candela)
+    wide, narrow = beam_of(image, image.candela).planes
     assert (wide.name, narrow.name) == ("C0–C180", "C90–C270")
-    assert wide.beam_deg == pytest.approx(90.0, abs=0.05)
-    assert narrow.beam_deg == pytest.approx(2 * np.degrees(np.arccos(0.5 ** (1 / 30))), abs=0.05)
+    assert wide.beam_deg is not None
+    assert narrow.beam_deg is not None
+    assert wide.beam_deg[0] == pytest.approx(90.0, abs=0.2)
+    assert narrow.beam_deg[0] == pytest.approx(2 * np.degrees(np.arccos(0.5 ** (1 / 30))), abs=0.2)
     assert wide.gamma_deg.tolist() == (-wide.gamma_deg[::-1]).tolist()
 
 
 def test_the_mean_is_weighed_by_the_size_of_cells() -> None:
     image = far_field(lambda g, c: np.cos(g) + 0 * c, (1, 90))
-    numbers = numbers_of(image, image.candela, "cd")
+    numbers = readings(image, image.candela, "cd")
     # A Lambertian emitter of intensity 1 has the flux π in 2π sr
     assert numbers["mean"] == pytest.approx(0.5, rel=1e-3)
     assert numbers["flux"] == pytest.approx(np.pi, rel=1e-3)
-    assert numbers["planes"][0]["beam_deg"] == pytest.approx(120, abs=0.01)
+    assert numbers["planes"][0]["beam_deg"] == pytest.approx(120, abs=0.02)
 
 
 def test_numbers_of_a_chart_are_those_of_the_picture(small_map: RayMap, tmp_path: Path) -> None:
@@ -59,9 +62,11 @@ def test_numbers_of_a_chart_are_those_of_the_picture(small_map: RayMap, tmp_path
     image = detector_image(small_map, "sensor", criterion, bin=2)
     density = image.density()
     assert numbers["flux"] == pytest.approx(image.total)
-    assert numbers["peak"] == pytest.approx(density.max())
+    # The brightest cell is bright by chance, too
+    assert density.mean() < numbers["peak"] <= density.max()
+    assert numbers["peak_se"] > 0.0
     assert numbers["mean"] == pytest.approx(density.mean())
-    assert numbers["min_over_max"] == pytest.approx(density.min() / density.max())
+    assert 0.0 <= numbers["min_over_max"] <= numbers["min_over_mean"]
     assert numbers["unit"] == "W/m²"
     assert b"<svg" in target.read_bytes()[:600]
 
