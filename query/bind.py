@@ -162,6 +162,14 @@ class Binder:
             scale = self._region_scale(region.unit, detector)
             per_unit = [scale * detector.cells[axis] / detector.size[axis] for axis in (0, 1)]
             middle = [detector.cells[0] / 2, detector.cells[1] / 2]
+            angles = detector.parameters.get("gamma_deg")
+            if detector.kind == "far_field" and angles is not None:
+                # C and gamma as charts and tables say them: C from 0, gamma from its first row
+                per_unit = [
+                    scale * detector.cells[0] / 360.0,
+                    scale * detector.cells[1] / (angles[1] - angles[0]),
+                ]
+                middle = [0.0, -per_unit[1] * angles[0] / scale]
             if region.shape == "ellipse":
                 middle += [0.0, 0.0]
             else:

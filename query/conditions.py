@@ -130,8 +130,8 @@ class All(Criterion):
 class Region:
     """Part of a detector: ``rect`` (x0, y0, x1, y1), half-open, or ``ellipse`` (cx, cy, rx, ry).
 
-    ``unit`` empty: in cells from the lower left corner; else a length (or, on angular detectors,
-    an angle) from the detector's centre.
+    ``unit`` empty: in cells from the lower left corner; a length: from the detector's centre; an
+    angle: C and gamma of a far field.
     """
 
     shape: str

@@ -48,6 +48,8 @@ def headline(path: str) -> str:
 
     >>> headline("lamp:emitted L1.front:refracted @eye eye.front:surface_absorption")
     'straight to eye'
+    >>> headline("lamp:emitted plate.front:glossy_transmission @eye eye.front:surface_absorption")
+    'plate.front (glossy) → eye'
     """
     points = _points(path)
     turns = []
@@ -55,8 +57,8 @@ def headline(path: str) -> str:
         for event in events:
             if event in _REFLECTED:
                 turns.append(f"{name or 'medium'} ↩{_MARKS.get(event, '')}")
-            elif event == "diffuse_transmission":
-                turns.append(f"{name} (diffuse)")
+            elif event in ("diffuse_transmission", "glossy_transmission"):
+                turns.append(f"{name} ({event.removesuffix('_transmission')})")
             elif event == "volume_scatter":
                 turns.append("scattered")
     short = _counted(turns)
