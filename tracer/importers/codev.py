@@ -202,7 +202,9 @@ class _Reader:
             elif match[1].upper() == "S":
                 surfaces = self._range(match, word)
             elif match[1].upper() == "Z" and match[2] != "1":
-                return  # the warning of the zoom positions speaks of it
+                if self.positions < 2:
+                    self.unknown.setdefault(f"{' '.join(words)}", []).append(self.place)
+                return  # the warning of the zoom positions speaks of the others
             elif match[1].upper() != "Z":
                 kept.append(word)
         if surfaces is None:

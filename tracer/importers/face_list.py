@@ -49,13 +49,15 @@ def list_faces(path: str | Path) -> dict[str, Any]:
     SceneError
         for a file that cannot be read
     """
+    from tracer.importers.expand import SCENE_SUFFIXES
+
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix in (".step", ".stp", ".p21"):
         unit, bodies = "mm", _of_step(path)
     elif suffix in MESH_SUFFIXES:
         unit, bodies = "", [_of_mesh_file(path)]
-    elif suffix in (".zmx", ".seq", ".toml"):
+    elif suffix == ".toml" or suffix in SCENE_SUFFIXES:
         unit, bodies = _of_scene(path)
     else:
         raise SceneError(

@@ -450,6 +450,8 @@ class _Reader:
                 )
         diameter = block.lines.get("DIAM")
         semi = abs(self._optional(diameter, 0))
+        if diameter is not None and not math.isfinite(semi):
+            raise self.fail(diameter.place, "its semi-diameter is infinite")
         fixed = self._optional(diameter, 1) not in (0.0, 3.0)
         hole, clips = 0.0, False
         for word in ("CLAP", "FLAP"):

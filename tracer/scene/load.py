@@ -297,6 +297,8 @@ def _first_line(error: ValidationError, model: type[BaseModel], place: str) -> s
         known = dict.fromkeys(name for item in models for name in item.model_fields)
         return f"{key}: unknown key{_nearest(parts[-1], known)}"
     if problem["type"] == "missing":
+        if issubclass(model, Body) and parts[-1] == "medium":
+            return f'{key}: is missing; the body is solid: write [media.NAME] and medium = "NAME"'
         return f"{key}: is missing"
     message = problem["msg"].removeprefix("Value error, ")
     message = message[0].lower() + message[1:]

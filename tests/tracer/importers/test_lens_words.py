@@ -18,9 +18,10 @@ from raymap.errors import SceneError
 from tests.tracer.importers.lens_texts import codev, opened, zemax
 from tracer.importers import codev_words, zemax_words
 from tracer.importers.codev import parse_codev
+from tracer.importers.face_list import list_faces
 from tracer.importers.prescription import ImportWarning
 from tracer.importers.zemax import parse_zemax
-from tracer.scene.load import load_scene
+from tracer.scene.load import load_scene, parse_scene
 
 N = 1.51680
 PAGE = Path(__file__).parents[3] / "docs" / "lens_files.md"
@@ -346,6 +347,7 @@ def test_numbers_without_a_mode_are_curvatures_if_they_can_be(tmp_path: Path) ->
     ("command", "words"),
     [
         ("WIBBLE 3", "surface 1: the command WIB is not understood"),
+        ("THI S1 Z2 5", "the command THI S1 Z2 5 is not understood"),
         ("REX 4", "its aperture REX is rectangular"),
         ("PUI 0.5", "the pupil is apodised"),
         ("MLT 'x'", "coatings are not taken"),
@@ -392,6 +394,22 @@ def test_other_files_of_lens_programs_are_named(suffix: str, tmp_path: Path) -> 
     path.write_bytes(bytes(range(256)))
     with pytest.raises(SceneError, match=rf"lens{suffix}: is .*save the lens as .*(zmx|seq)"):
         load_scene(path)
+    with pytest.raises(SceneError, match="save the lens as"):
+        list_faces(path)
+
+
+def test_a_lens_without_a_medium_says_what_to_write() -> None:
+    text = """
+length_unit = "mm"
+[bodies.L1]
+kind = "lens"
+thickness = 4
+diameter = 10
+front = { radius = 50 }
+back = { radius = -50 }
+"""
+    with pytest.raises(SceneError, match=r"bodies\.L1\.medium: is missing; .*\[media\.NAME\]"):
+        parse_scene(text)
 
 
 def test_the_page_lists_the_harmless_words() -> None:
