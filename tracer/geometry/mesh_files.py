@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import warnings
 from pathlib import Path
 from typing import Any, Literal
@@ -108,6 +109,8 @@ def _read(
         raise SceneError(
             f"mesh {body!r}: {file.name} holds solids, not triangles; name it in [cad_files]"
         )
+    # What trimesh logs of files that it cannot read stands in our error
+    logging.getLogger("trimesh").addHandler(logging.NullHandler())
     options: dict[str, Any] = {"process": False}
     if file.suffix.lower() == ".obj":
         options |= {"split_objects": True, "split_groups": True}

@@ -27,6 +27,10 @@ if TYPE_CHECKING:
 __all__ = ["CadBody", "CadFileModel", "CadMeshBody", "merge_cad_file"]
 
 
+_SPECULAR_CHORD = 1e-4
+"""Chord of curved faces that reflect or refract, where none is given [diagonal of the solid]."""
+
+
 class CadPart(Node):
     """What is said of single bodies of a CAD file, by name pattern."""
 
@@ -41,8 +45,8 @@ class CadFileModel(Placed):
 
     ``use`` and ``leave_out`` choose solids by name; ``medium``, ``surface``, ``priority`` and
     ``faces`` hold for all of them, ``bodies`` for some. Curved faces that the tracer has no closed
-    form for become triangles within ``chord`` of them [scene units] (a thousandth of the solid by
-    default) that turn by ``angle_deg`` at most.
+    form for become triangles within ``chord`` of them [scene units] (by default a thousandth of the
+    solid, a ten-thousandth where they reflect or refract) that turn by ``angle_deg`` at most.
     """
 
     file: str
@@ -85,9 +89,14 @@ class CadMeshBody(_FromCad, MeshBody):
 
     kind: Literal["cad"] = "cad"  # type: ignore[assignment]
     chord_mm: float
+    specular: tuple[str, ...] = Field(default=(), exclude=True)
+    specular_chord_mm: float | None = None
 
     def reading_key(self) -> tuple[object, ...]:
-        return (self.path, self.part, self.chord_mm, self.angle_deg, self.mm, self.medium is None)
+        finer = self.specular_chord_mm, self.specular
+        return (
+            self.path, self.part, self.chord_mm, self.angle_deg, self.mm, self.medium is None, finer
+        )  # fmt: skip
 
     def read(self, folder: Path, name: str) -> TriangleMesh:
         from tracer.importers.step_mesh import mesh_of_solid
@@ -98,6 +107,8 @@ class CadMeshBody(_FromCad, MeshBody):
             angle_deg=self.angle_deg,
             scale=self.mm,
             closed=self.medium is not None,
+            specular=self.specular,
+            specular_chord_mm=self.specular_chord_mm,
         )
 
 
@@ -141,6 +152,7 @@ def merge_cad_file(
     _check_faces(model.faces, [s for s in solids if s.name in chosen], place)
     digest = _digest(str(path), path.stat().st_mtime_ns)
     present = tree.setdefault("bodies", {})
+    diffuse = _diffuse_surfaces(tree)
     for solid in solids:
         full = f"{clean_name(name)}.{solid.name}"
         if solid.name not in chosen:
@@ -148,11 +160,16 @@ def merge_cad_file(
         if full in present:
             raise SceneError(f"{place}: there is a body {full!r} in the scene already; rename it")
         unit = length_scale("mm", tree.get("length_unit", "mm"))
-        present[full] = _body(solid, model, str(path.resolve()), digest, unit)
+        present[full] = _body(solid, model, str(path.resolve()), digest, unit, diffuse)
 
 
 def _body(
-    solid: CadSolid, model: CadFileModel, path: str, digest: str, per_mm: float
+    solid: CadSolid,
+    model: CadFileModel,
+    path: str,
+    digest: str,
+    per_mm: float,
+    diffuse: frozenset[str],
 ) -> CadBody | CadMeshBody:
     """The body of a solid, in closed form where that is possible."""
     settings: dict[str, Any] = {
@@ -187,7 +204,36 @@ def _body(
     if not model.triangles and _plans(solid, Placement(np.zeros(3), np.eye(3), per_mm)):
         return CadBody(**common)
     chord = model.chord / per_mm if model.chord else 1e-3 * solid.size
-    return CadMeshBody(**common, scale=1.0, chord_mm=chord, angle_deg=model.angle_deg)
+    return CadMeshBody(
+        **common,
+        scale=1.0,
+        chord_mm=chord,
+        angle_deg=model.angle_deg,
+        specular=_specular(solid, faces, settings.get("surface"), diffuse),
+        specular_chord_mm=None if model.chord else _SPECULAR_CHORD * solid.size,
+    )
+
+
+def _specular(
+    solid: CadSolid, faces: dict[str, str], surface: str | None, diffuse: frozenset[str]
+) -> tuple[str, ...]:
+    """Faces whose surface reflects or refracts: all but those that absorb or scatter alone."""
+    return tuple(
+        face.name
+        for face in solid.faces
+        if (faces.get(face.name) or surface or "bare") not in diffuse
+    )
+
+
+def _diffuse_surfaces(tree: dict[str, Any]) -> frozenset[str]:
+    """Names of the scene's surfaces on which it does not matter how a triangle leans."""
+    surfaces = tree.get("surfaces")
+    named = surfaces.items() if isinstance(surfaces, dict) else ()
+    kinds = ("absorber", "lambertian", "retroreflector")
+    found = {
+        name for name, given in named if isinstance(given, dict) and given.get("kind") in kinds
+    }
+    return frozenset(found | {"absorber"})
 
 
 def _spread(faces: dict[str, str], known: set[str]) -> dict[str, str]:

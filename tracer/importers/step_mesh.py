@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,8 @@ from numpy.typing import NDArray
 from raymap.errors import SceneError
 from tracer.geometry.mesh import TriangleMesh, check_solid, faces_by_label, weld
 from tracer.importers.occt import occt
+from tracer.importers.prescription import ImportWarning
+from tracer.importers.step_error import reflection_error_mrad
 from tracer.importers.step_read import CadFace, CadSolid, explore
 
 __all__ = ["mesh_of_solid"]
@@ -19,16 +22,30 @@ F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
 LARGEST_TRIANGLES = 20_000_000
+_MOST_MRAD = 1.0
+_FINER = 0.02
+_LARGE = 0.1
+"""Share of the faces that reflect from which on the triangles of one count."""
 
 
 def mesh_of_solid(
-    solid: CadSolid, *, chord_mm: float, angle_deg: float, scale: float = 1.0, closed: bool = True
+    solid: CadSolid,
+    *,
+    chord_mm: float,
+    angle_deg: float,
+    scale: float = 1.0,
+    closed: bool = True,
+    specular: tuple[str, ...] = (),
+    specular_chord_mm: float | None = None,
 ) -> TriangleMesh:
     """Triangles of a solid that lie within ``chord_mm`` of its surfaces.
 
     Parameters
     ----------
     chord_mm : largest distance between triangles and surface [mm]
+    specular : faces that reflect or refract: a warning says by what angle their triangles turn
+        reflected light, where that is more than 1 mrad
+    specular_chord_mm : the same distance for these faces, made smaller where it turns light more
     angle_deg : largest turn of the surface across a triangle
     scale : scene units in a millimetre
     closed : the triangles must bound a volume
@@ -38,8 +55,18 @@ def mesh_of_solid(
     SceneError
         where a face cannot be meshed, or the triangles do not close
     """
-    mesher = occt("BRepMesh").BRepMesh_IncrementalMesh
-    mesher(solid.shape, chord_mm, False, math.radians(angle_deg), False)
+    chords = {face.name: specular_chord_mm or chord_mm for face in solid.faces
+              if face.name in specular and face.kind != "plane"}  # fmt: skip
+    _triangulate(solid, chord_mm, angle_deg, chords)
+    errors = _errors(solid, specular, chords)
+    large = {name: error for name, error in errors.items() if error > _MOST_MRAD}
+    if specular_chord_mm and large:
+        # Nobody asked for a chord: take the one that makes a small error, which goes with the chord
+        for name, error in large.items():
+            chords[name] *= max(0.5 * _MOST_MRAD / error, _FINER)
+        _triangulate(solid, chord_mm, angle_deg, chords)
+        errors = _errors(solid, specular, chords)
+    _warn_of_turned_light(solid, errors, chords, scale)
     joints = _Joints(solid)
     points, triangles, normals, labels = [], [], [], []
     first = 0
@@ -75,6 +102,50 @@ def mesh_of_solid(
         except SceneError as error:
             raise SceneError(f"{solid.origin}: {error}") from None
     return mesh
+
+
+def _triangulate(
+    solid: CadSolid, chord_mm: float, angle_deg: float, chords: dict[str, float]
+) -> None:
+    """Let OpenCASCADE make triangles of a solid, some faces with a chord of their own."""
+    # Drop triangles of another call: finer ones than are asked for are kept, and on this rests that
+    # faces meshed first keep theirs
+    occt("BRepTools").BRepTools.Clean_s(solid.shape)
+    mesher = occt("BRepMesh").BRepMesh_IncrementalMesh
+    for face in solid.faces:
+        if chords.get(face.name, chord_mm) < chord_mm:
+            mesher(face.shape, chords[face.name], False, math.radians(angle_deg), False)
+    mesher(solid.shape, chord_mm, False, math.radians(angle_deg), False)
+
+
+def _errors(
+    solid: CadSolid, specular: tuple[str, ...], chords: dict[str, float]
+) -> dict[str, float]:
+    """Turn of reflected light by the curved faces that make up much of what reflects [mrad]."""
+    whole = sum(face.area for face in solid.faces if face.name in specular)
+    return {
+        face.name: reflection_error_mrad(face)
+        for face in solid.faces
+        if face.name in chords and face.area >= _LARGE * whole
+    }
+
+
+def _warn_of_turned_light(
+    solid: CadSolid, errors: dict[str, float], chords: dict[str, float], scale: float
+) -> None:
+    """Say how far triangles turn reflected light, and what chord would do."""
+    worst = max(errors, key=lambda name: errors[name], default="")
+    if not worst or errors[worst] <= _MOST_MRAD:
+        return
+    wanted = scale * chords[worst] * 0.5 * _MOST_MRAD / errors[worst]
+    warnings.warn(
+        f"{solid.origin}: {solid.name!r}: triangles of its face {worst!r} lie up to "
+        f"{scale * chords[worst]:.2g} off and turn the light that it reflects by up to about "
+        f"{errors[worst]:.2g} mrad (refracted light by less); chord = {wanted:.1g} would make "
+        f"{0.5 * _MOST_MRAD:g} mrad",
+        ImportWarning,
+        stacklevel=3,
+    )
 
 
 class _Joints:

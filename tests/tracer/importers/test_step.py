@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import re
@@ -24,12 +25,15 @@ import raymap
 from raymap.cli import application
 from raymap.errors import SceneError
 from tests.tracer.importers.step_files import Part, faces_only, write_step
+from tracer.geometry.mesh import TriangleMesh
 from tracer.geometry.shapes import Cylinder, Frustum, SphereCap
 from tracer.importers.cad_bodies import CadBody, CadMeshBody
 from tracer.importers.prescription import ImportWarning
+from tracer.importers.step_error import reflection_error_mrad
 from tracer.importers.step_mesh import mesh_of_solid
 from tracer.importers.step_read import read_step
 from tracer.recording import record
+from tracer.scene.compile import compile_scene
 from tracer.scene.load import load_scene, parse_scene
 from tracer.trace import trace_rays
 
@@ -103,6 +107,7 @@ def test_inches_become_scene_units(tmp_path: Path) -> None:
     assert cap.radius == pytest.approx(1.0, rel=1e-9)
 
 
+@pytest.mark.filterwarnings("ignore:.*turn the light that it reflects")
 @pytest.mark.parametrize(
     ("shape", "kinds"),
     [
@@ -390,3 +395,108 @@ position = [0, 0, 50]
     bodies = trimesh.load_scene(tmp_path / f"void{suffix}").geometry.values()
     volume = sum(body.volume for body in bodies if hasattr(body, "faces"))
     assert volume == pytest.approx(1000.0 - 36.0 * math.pi, rel=0.01)
+
+
+# -- what triangles do to reflected light -------------------------------------------------------
+
+
+def turned_light_mrad(mesh: TriangleMesh, radius: float) -> np.ndarray:
+    """Errors of light reflected at 45 degrees by the triangles of a ball, against the ball's."""
+    random = np.random.default_rng(1)
+    a, b, c = (mesh.vertices[mesh.triangles[:, k]] for k in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    chosen = random.choice(len(area), 20_000, p=area / area.sum())
+    u = random.random((20_000, 2))
+    u[u.sum(axis=1) > 1] = 1 - u[u.sum(axis=1) > 1]
+    w = np.column_stack([1 - u.sum(axis=1), u])[:, :, None]
+    places = (w * np.stack([a, b, c], axis=1)[chosen]).sum(axis=1)
+    assert mesh.corner_normals is not None
+    normals = (w * mesh.corner_normals[chosen]).sum(axis=1)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    across = np.cross(normals, random.normal(size=normals.shape))
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    d = math.sqrt(0.5) * (across - normals)
+    # Where the ray meets the ball itself, nearest to where it meets the triangle
+    along = np.einsum("ij,ij->i", places, d)
+    root = np.sqrt(along**2 - (places**2).sum(axis=1) + radius**2)
+    t = np.where(np.abs(root - along) < np.abs(root + along), root - along, -root - along)
+    true = (places + t[:, None] * d) / radius
+    reflected = [d - 2 * np.einsum("ij,ij->i", d, n)[:, None] * n for n in (normals, true)]
+    return np.asarray(1e3 * np.linalg.norm(reflected[0] - reflected[1], axis=1))
+
+
+@pytest.mark.parametrize("chord", [0.4, 0.1, 0.02])
+def test_the_estimate_of_turned_light_is_that_of_rays(tmp_path: Path, chord: float) -> None:
+    """On a ball, whose normals are known: the error that 95 % of the rays stay below."""
+    (solid,) = read_step(write_step(tmp_path / "ball.step", [ball(20.0)]))
+    mesh = mesh_of_solid(solid, chord_mm=chord, angle_deg=40.0)
+    wanted = float(np.percentile(turned_light_mrad(mesh, 20.0), 95))
+    assert reflection_error_mrad(solid.faces[0]) == pytest.approx(wanted, rel=0.25)
+
+
+def dish(path: Path) -> Path:
+    """A block with a paraboloid of focal length 25 cut out of it by revolution."""
+    from OCP.BRepBuilderAPI import (
+        BRepBuilderAPI_MakeEdge,
+        BRepBuilderAPI_MakeFace,
+        BRepBuilderAPI_MakeWire,
+    )
+    from OCP.BRepPrimAPI import BRepPrimAPI_MakeRevol
+    from OCP.gp import gp_Ax1, gp_Parab
+
+    plane = gp_Ax2(gp_Pnt(0, 0, 0), gp_Dir(0, -1, 0), gp_Dir(0, 0, 1))
+    rim = gp_Pnt(50, 0, 25)
+    arc = BRepBuilderAPI_MakeEdge(gp_Parab(plane, 25.0), gp_Pnt(0, 0, 0), rim).Edge()
+    points = [rim, gp_Pnt(50, 0, -5), gp_Pnt(0, 0, -5), gp_Pnt(0, 0, 0)]
+    wire = BRepBuilderAPI_MakeWire(arc)
+    for start, end in itertools.pairwise(points):
+        wire.Add(BRepBuilderAPI_MakeEdge(start, end).Edge())
+    face = BRepBuilderAPI_MakeFace(wire.Wire()).Face()
+    shape = BRepPrimAPI_MakeRevol(face, gp_Ax1(gp_Pnt(0, 0, 0), gp_Dir(0, 0, 1))).Shape()
+    return write_step(path, [Part("dish", shape)])
+
+
+DISH = """
+length_unit = "mm"
+[surfaces.alu]
+kind = "mirror"
+reflectance = 0.9
+[surfaces.grey]
+kind = "lambertian"
+reflectance = 0.5
+[cad_files.r]
+file = "dish.step"
+surface = "{surface}"
+{more}
+[sources.s]
+kind = "point"
+position = [0, 0, 25]
+"""
+
+
+def test_mirrors_get_finer_triangles_or_a_warning(tmp_path: Path) -> None:
+    dish(tmp_path / "dish.step")
+
+    def triangles(surface: str, more: str = "") -> int:
+        path = tmp_path / "scene.toml"
+        path.write_text(DISH.format(surface=surface, more=more))
+        compiled = compile_scene(load_scene(path))
+        return sum(object.primitive_count for object in compiled.directory.objects[0].faces)
+
+    coarse, fine = triangles("grey"), triangles("alu")
+    assert fine > 4 * coarse
+    with pytest.warns(
+        ImportWarning, match=r"turn the light that it reflects by up to about [\d.]+ mrad"
+    ):
+        assert triangles("alu", "chord = 0.15") < fine
+    # Nothing is said of what scatters
+    triangles("grey", "chord = 0.15")
+
+
+def test_triangles_do_not_depend_on_what_was_asked_before(tmp_path: Path) -> None:
+    (solid,) = read_step(write_step(tmp_path / "ball.step", [ball(20.0)]))
+    counts = [
+        len(mesh_of_solid(solid, chord_mm=chord, angle_deg=40.0).triangles)
+        for chord in (0.4, 0.02, 0.4)
+    ]
+    assert counts[0] == counts[2] < counts[1]
