@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from query.doubt import FOOTNOTE, MARK, is_doubtful
 from query.selection import Selection
 from query.tables import PathTable
 from raymap.colorimetry import encode_srgb
@@ -72,12 +73,14 @@ def print_paths(table: PathTable, top: int | None) -> None:
             str(number) if row.criterion else "",
             f"{row.rays:,}",
             _number(row.flux, 5),
-            _number(row.flux_se, 2),
+            _number(row.flux_se, 2) + (f" {MARK}" if is_doubtful(row.flux, row.flux_se) else ""),
             f"{row.share:.3%}",
         ]
         if with_peak:
             cells.append("" if row.peak is None else f"{row.peak[0]}, {row.peak[1]}")
         view.add_row(*cells, Text(_shorter(row.path)))
+        if is_doubtful(row.flux, row.flux_se):
+            view.caption = Text(FOOTNOTE)
     _console().print(view)
 
 
@@ -118,8 +121,18 @@ def print_rows(rows: list[dict[str, Any]], title: str, unit: str = "") -> None:
         justify: Any = "right" if numeric else "left"
         view.add_column(Text(_heading(name, unit)), justify=justify, overflow="fold")
     for row in rows:
-        view.add_row(*(Text(_cell(row[name], name)) for name in names))
+        marks = {name: _mark(row, name) for name in names}
+        view.add_row(*(Text(_cell(row[name], name) + marks[name]) for name in names))
+        if any(marks.values()):
+            view.caption = Text(FOOTNOTE)
     _console().print(view)
+
+
+def _mark(row: dict[str, Any], name: str) -> str:
+    """The mark beside a standard error that is above 30 % of its number."""
+    value = row.get(name.removesuffix("_se"))
+    doubtful = name.endswith("_se") and is_doubtful(value, row[name])
+    return f" {MARK}" if doubtful else ""
 
 
 def _heading(name: str, unit: str) -> str:

@@ -1,0 +1,20 @@
+"""Rows of tables that are less sure than 30 % are marked, and only those."""
+
+from __future__ import annotations
+
+import pytest
+
+from query.terminal import print_rows
+
+
+def test_rows_above_thirty_percent_carry_a_mark(capsys: pytest.CaptureFixture[str]) -> None:
+    # n rays of equal flux have a relative error of 1 / sqrt(n): 11 rays 30.2 %, 12 rays 28.9 %
+    rows = [{"name": f"n{n}", "flux": float(n), "flux_se": n**0.5} for n in (11, 12)]
+    print_rows(rows, "rows")
+    few, many = (line for line in capsys.readouterr().out.splitlines() if "│ n1" in line)
+    assert "?" in few
+    assert "?" not in many
+    print_rows(rows[:1], "rows")
+    assert "standard error" in capsys.readouterr().out
+    print_rows(rows[1:], "rows")
+    assert "standard error" not in capsys.readouterr().out
