@@ -31,6 +31,7 @@ class MapFacts:
     ----------
     emitted : (n_sources,) int64, rays emitted by each source in the portions served
     weighted : some portion stores weights
+    worth_by_color : the flux of a ray depends on its colour, as lumens do
     has_column : whether some portion has an optional column of this name
     """
 
@@ -38,6 +39,7 @@ class MapFacts:
     channel_sets: Sequence[ChannelSet] = ()
     emitted: NDArray[np.int64]
     weighted: bool = False
+    worth_by_color: bool = False
     has_column: Callable[[str], bool] = lambda name: False
 
 
@@ -232,6 +234,7 @@ class Binder:
                 value=value,
                 per_weight=fluxes / np.maximum(self.facts.emitted, 1),
                 weighted=self.facts.weighted,
+                worth_by_color=self.facts.worth_by_color,
             )
         if isinstance(quantity, c.Recorded):
             column = "optical_path" if isinstance(quantity, c.OpticalPath) else "stokes"

@@ -195,13 +195,18 @@ class BoundBounces(_BoundCompare):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BoundFlux(_BoundCompare):
-    """``per_weight`` : (n_sources,) flux of a ray of weight 1; ``weighted``: weights are stored."""
+    """The flux of a ray at its end.
+
+    ``per_weight`` : (n_sources,) flux of a ray of weight 1; ``weighted``: weights are stored;
+    ``worth_by_color``: it depends on the colour, too.
+    """
 
     per_weight: NDArray[np.float64]
     weighted: bool
+    worth_by_color: bool
 
     def own_streams(self) -> tuple[str, ...]:
-        return ("weight",) if self.weighted else ()
+        return ("weight",) * self.weighted + ("color",) * self.worth_by_color
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -20,6 +20,7 @@ from query.scans import expand_rows, ray_offsets
 from raymap.directory import ChannelSet
 from raymap.events import Event
 from raymap.paths import PathDictionary
+from raymap.photometry import ray_weights
 from raymap.portion import Descriptors
 from raymap.rows import offsets_of
 
@@ -50,6 +51,10 @@ class StoredRays(Protocol):
     def n_records(self) -> int: ...
     @property
     def channel_set(self) -> int: ...
+    @property
+    def has_weights(self) -> bool: ...
+    @property
+    def map(self) -> Any: ...
     def paths(self) -> PathDictionary: ...
     def path_numbers(self) -> NDArray[np.uint32]: ...
     def descriptors(self) -> Descriptors: ...
@@ -358,10 +363,12 @@ class RayContext(Context):
         return self.portion.normals_at(records, faces, self.position)
 
     @cached_property
-    def weight(self) -> NDArray[np.float64]:
+    def carried(self) -> NDArray[np.float64]:
+        """(n_rays,) weight × worth of each ray at its end."""
         self.check()
-        column = self.portion.column("weight").astype(np.float64)
-        return column if self.rays is None else column[self.rays]
+        rays = np.arange(self.n_rays) if self.rays is None else self.rays
+        found = ray_weights(self.portion, rays)
+        return np.ones(self.n_rays) if found is None else found
 
     def optional(self, name: str, width: int) -> NDArray[Any] | None:
         """A column of numbers, (records of the portion, ...), that polarised traces store.

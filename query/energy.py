@@ -37,6 +37,8 @@ class Audit:
     rays, flux, flux_se : (n_sources, 5) per class of `CLASSES`
     emitted : (n_sources,) rays; emitted_flux : (n_sources,) [flux unit]
     absorbed_by : per object or medium the (n_sources,) flux that it took, detected light included
+    worth_by_color : the flux of a ray follows its colour, as lumens do: the classes then add up to
+        ``emitted_flux`` within their errors
     """
 
     sources: tuple[str, ...]
@@ -49,6 +51,7 @@ class Audit:
     absorbed_rays: dict[str, NDArray[np.int64]]
     flux_unit: str
     weighted: bool
+    worth_by_color: bool = False
 
     @property
     def missing(self) -> NDArray[np.int64]:
@@ -60,6 +63,9 @@ class Audit:
     def missing_flux(self) -> NDArray[np.float64]:
         """(n_sources,) what the classes leave of the emitted flux."""
         missing: NDArray[np.float64] = self.emitted_flux - self.flux.sum(axis=1)
+        if self.worth_by_color:
+            # Lumens of light that changed its colour add up to what was emitted in the mean only
+            missing = np.where(self.missing > 0, missing, 0.0)
         # Fluxes are sums of rounded weights
         return np.where(np.abs(missing) > 1e-9 * self.emitted_flux, missing, 0.0)
 
@@ -138,6 +144,9 @@ def audit(
         absorbed_rays={names[k]: taken[:, k] for k in some},
         flux_unit=directory.flux_unit,
         weighted=any(portion.has_weights for portion in map.portions),
+        worth_by_color=any(
+            map.photometry(number).changes for number in range(len(map.channel_sets))
+        ),
     )
 
 

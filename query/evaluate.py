@@ -263,10 +263,10 @@ def _bounces(context: Context, node: b.BoundBounces) -> Pair:
 
 def _flux(context: Context, node: b.BoundFlux) -> Pair:
     flux = node.per_weight[context.source]
-    if node.weighted:
+    if node.weighted or node.worth_by_color:
         if not isinstance(context, RayContext):
             return _unknown(context)
-        flux = flux * context.weight
+        flux = flux * context.carried
     return exactly(_compare(node.operator, flux, node.value))
 
 

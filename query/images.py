@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from query.binning import block_sums, coarser
 from query.bound import BoundNode
-from query.peaks import registrations
+from query.peaks import codes_at, registrations
 from query.pictures import DetectorImage
 from query.scan import Cancel, Progress, Scan
 from query.search import Found
@@ -201,12 +201,7 @@ def _cells(
     watt = light.radiant_factors(emitted)[source]
     if portion.has_weights:
         watt = watt * portion.column("weight")[rays]
-    # The record whose segment met the detector has the colour.
-    first = portion.column("first_descriptor")
-    counts = portion.column("descriptor_count")
-    met = np.flatnonzero(counts)
-    record = met[np.searchsorted(first[met], descriptors, side="right") - 1]
-    code = portion.column("color_code")[record]
+    code = codes_at(portion, descriptors)
     amounts = light.amounts(colors_of_codes(portion.color_table(), len(light.efficacy)))
     cell, inverse = np.unique(place[:, 1] * width + place[:, 0], return_inverse=True)
     sums = np.empty((len(cell), amounts.shape[1]))

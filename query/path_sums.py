@@ -13,6 +13,7 @@ from query.search import Found
 from query.second_try import asked_again
 from query.selector import bind_all
 from query.tally import Tally
+from raymap.photometry import ray_weights
 
 if TYPE_CHECKING:
     from raymap.reader import RayMap
@@ -50,7 +51,7 @@ def sum_over_paths(
     def visit(found: Found) -> T:
         base, portion = found.paths.base, found.portion
         rays = np.flatnonzero(found.masks[0])
-        weight = portion.column("weight").astype(np.float64)[rays] if portion.has_weights else None
+        weight = ray_weights(portion, rays)
         emission = portion.column("emission")[rays] if portion.grouped else None
         tally = Tally.of_rays(found.paths.of_ray[rays], weight, emission, base.n_rays)
         return reduce(base, tally)

@@ -12,12 +12,13 @@ from query.path_keys import Keys, path_keys
 from query.scan import Cancel, Scan
 from query.search import Found
 from query.second_try import asked_again
-from query.tally import source_factors, sums
+from query.tally import sums
+from raymap.photometry import colors_of_codes
 
 if TYPE_CHECKING:
     from raymap.reader import RayMap
 
-__all__ = ["find_peaks", "registrations"]
+__all__ = ["codes_at", "find_peaks", "registrations"]
 
 Ints = NDArray[np.integer]
 Floats = NDArray[np.float64]
@@ -40,6 +41,15 @@ def registrations(found: Found, number: int, detector: int) -> tuple[Ints, NDArr
     return rays[owner], descriptors
 
 
+def codes_at(portion: Any, descriptors: NDArray[np.int64]) -> NDArray[np.int32]:
+    """Colour codes of the segments that met a detector, by the rows of their descriptors."""
+    first, counts = portion.column("first_descriptor"), portion.column("descriptor_count")
+    met = np.flatnonzero(counts)
+    record = met[np.searchsorted(first[met], descriptors, side="right") - 1]
+    codes: NDArray[np.int32] = portion.column("color_code")[record]
+    return codes
+
+
 @asked_again
 def find_peaks(
     map: RayMap,
@@ -54,7 +64,6 @@ def find_peaks(
     """Brightest cell (n, 2) and its flux (n,) for each row of ``keys``; cell -1 where none."""
     order = np.lexsort((keys.high, keys.low))
     low = keys.low[order]
-    factors = source_factors(map.directory, emitted)
     width, height = map.directory.detectors[detector].cells
 
     def rows_of(mine: Keys) -> Ints:
@@ -69,11 +78,15 @@ def find_peaks(
         paths = found.paths.of_ray[rays]
         mine = path_keys(found.paths.base, by).take(paths)
         cells = found.portion.column("cell")[descriptors].astype(np.int64)
-        weight = factors[found.paths.base.source[paths]]
-        if found.portion.has_weights:
-            weight = weight * found.portion.column("weight")[rays]
+        portion = found.portion
+        light = map.photometry(portion.channel_set)
+        watt = light.radiant_factors(emitted)[found.paths.base.source[paths]]
+        if portion.has_weights:
+            watt = watt * portion.column("weight")[rays]
+        amounts = light.amounts(colors_of_codes(portion.color_table(), len(light.efficacy)))
+        flux = light.flux_by_channel(amounts).sum(axis=1)[codes_at(portion, descriptors)]
         code = (rows_of(mine).astype(np.int64) * height + cells[:, 1]) * width + cells[:, 0]
-        return _summed(code, weight)
+        return _summed(code, watt * flux)
 
     pending: list[tuple[NDArray[np.int64], Floats]] = []
 

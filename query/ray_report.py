@@ -26,11 +26,11 @@ def report(map: RayMap, ray_id: int) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``ray_id``, ``source``, ``flux``, ``weight`` and ``points``: for each point position,
-        object, face, triangle, events, normal, angle of incidence, and of the segment that starts
-        there medium, refractive index, length, colour, spectrum and detector meetings; further
-        columns of the map by name, and ``polarisation`` (degree, angle_deg, axis_ratio, handedness)
-        beside Stokes parameters
+        ``ray_id``, ``source``, ``flux`` at its end, ``weight`` and ``points``: for each point
+        position, object, face, triangle, events, normal, angle of incidence, and of the segment
+        that starts there medium, refractive index, length, colour, spectrum and detector meetings;
+        further columns of the map by name, and ``polarisation`` (degree, angle_deg, axis_ratio,
+        handedness) beside Stokes parameters
 
     Raises
     ------
@@ -44,6 +44,10 @@ def report(map: RayMap, ray_id: int) -> dict[str, Any]:
     faces = _faces(ray, directory)
     source = int(ray.source[0])
     weight = 1.0 if ray.weight is None else float(ray.weight[0])
+    light = map.photometry(portion.channel_set)
+    carried = weight * float(
+        light.worth_of_rays(ray.source, ray.color_code[-1:], ray.color_table)[0]
+    )
     emitted = int(map.emitted[source])
     extra = {name: column for name, column in ray.extra.items() if len(column) == 1}
     points = [_point(ray, row, faces[row], directory, channel_set) for row in range(ray.n_records)]
@@ -51,7 +55,7 @@ def report(map: RayMap, ray_id: int) -> dict[str, Any]:
         "ray_id": int(ray_id),
         "source": directory.sources[source].name,
         "weight": weight,
-        "flux": directory.sources[source].flux * weight / emitted if emitted else 0.0,
+        "flux": directory.sources[source].flux * carried / emitted if emitted else 0.0,
         "units": {"length": directory.length_unit, "flux": directory.flux_unit},
         "channels": channel_set.labels,
         "length": _total_length(ray, points),

@@ -15,12 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from query.names import FaceNames, ObjectMatch, match_objects
-from query.tally import source_factors
 from raymap import rayfiles
-from raymap.colorimetry import linear_srgb_to_xyz
+from raymap.directory import ChannelSet
 from raymap.errors import RayMapError
+from raymap.photometry import Photometry, channel_xyz, colors_of_codes
 from raymap.rayfiles import RaySet
-from raymap.schema import COLOR_SCALE
 
 if TYPE_CHECKING:
     from query.selection import Selection
@@ -74,7 +73,6 @@ def rays_at(
     place = _find_place(ray_map, at, leaving)
     if color == "auto":
         color = "wavelength" if ray_map.directory.flux_unit == "W" else "xyz"
-    factors = source_factors(ray_map.directory, selection.emitted)
     for index, rays in selection.parts():
         stored = ray_map.portions[index]
         offsets = stored.record_offsets()
@@ -82,12 +80,13 @@ def rays_at(
         chosen = _choose(owner, meetings)
         end, owner = end[chosen], owner[chosen]
         random = np.random.default_rng([seed, index])
-        flux = factors[stored.column("source")[owner]]
+        light = ray_map.photometry(stored.channel_set)
+        watt = light.radiant_factors(selection.emitted)[stored.column("source")[owner]]
         if stored.has_weights:
-            flux = flux * stored.column("weight")[owner]
+            watt = watt * stored.column("weight")[owner]
         position = stored.column("position")
         codes = stored.column("color_code")
-        palette = _palette(stored, ray_map.channel_sets[stored.channel_set])
+        palette = _palette(stored, light, ray_map.channel_sets[stored.channel_set])
         for first in range(0, len(end), _BLOCK):
             part = slice(first, first + _BLOCK)
             point, direction, sound = _lines(position, end[part], place, leaving, before)
@@ -96,7 +95,7 @@ def rays_at(
                 ray_map,
                 point[sound],
                 direction[sound],
-                flux[part][sound],
+                watt[part][sound],
                 palette,
                 codes[record][sound],
                 color,
@@ -245,25 +244,39 @@ def _lines(
 
 @dataclass(frozen=True, eq=False)
 class _Palette:
-    """Colours by code: shares of the channels, and what the channels are."""
+    """What a watt of each colour code is.
 
-    shares: Floats
+    Attributes
+    ----------
+    flux : (n_codes,) in the unit of the map
+    by_channel : (n_codes, n_channels) how that is shared out to the channels
+    xyz : (n_codes, 3) tristimulus values, Y in lumen
+    wavelength_nm : (n_channels,)
+    """
+
+    flux: Floats
+    by_channel: Floats
+    xyz: Floats
     wavelength_nm: Floats
-    display_rgb: Floats
 
 
-def _palette(stored: Any, channels: Any) -> _Palette:
-    n = channels.n_channels
-    table = np.concatenate((np.eye(n), stored.color_table() / COLOR_SCALE))
-    rgb = np.array(channels.display_rgb, np.float64).reshape(-1, 3)
-    return _Palette(table, np.array(channels.wavelengths_nm, np.float64), rgb)
+def _palette(stored: Any, light: Photometry, channels: ChannelSet) -> _Palette:
+    amounts = light.amounts(colors_of_codes(stored.color_table(), channels.n_channels))
+    by_channel = light.flux_by_channel(amounts)
+    flux = by_channel.sum(axis=1)
+    return _Palette(
+        flux=flux,
+        by_channel=by_channel / np.where(flux > 0.0, flux, 1.0)[:, None],
+        xyz=amounts @ channel_xyz(channels),
+        wavelength_nm=np.array(channels.wavelengths_nm, np.float64),
+    )
 
 
 def _ray_set(
     ray_map: RayMap,
     point: Floats,
     direction: Floats,
-    flux: Floats,
+    watt: Floats,
     palette: _Palette,
     codes: NDArray[np.int32],
     color: Coloring,
@@ -271,17 +284,16 @@ def _ray_set(
 ) -> RaySet:
     directory = ray_map.directory
     wavelength = xyz = None
+    flux = watt * palette.flux[codes]
     if color == "wavelength":
-        # Draw a channel in proportion to its share of the light
-        levels = np.cumsum(palette.shares, axis=1)
+        # Draw a channel in proportion to its share of the flux
+        levels = np.cumsum(palette.by_channel, axis=1)
         drawn = (random.random(len(codes))[:, None] >= levels[codes, :-1]).sum(axis=1)
         wavelength = palette.wavelength_nm[drawn].astype(np.float32)
-    elif color == "xyz" and len(palette.display_rgb):
+    elif color == "xyz":
         if directory.flux_unit != "lm":
             raise RayMapError("tristimulus values go with flux in lumen; this map is in watt")
-        look = linear_srgb_to_xyz(palette.shares @ palette.display_rgb)
-        look = look / np.where(look[:, 1:2] > 0, look[:, 1:2], np.inf)
-        xyz = (np.maximum(look[codes], 0.0) * flux[:, None]).astype(np.float32)
+        xyz = (palette.xyz[codes] * watt[:, None]).astype(np.float32)
         xyz[:, 1] = flux
     return RaySet(
         position=point.astype(np.float32),

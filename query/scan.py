@@ -26,6 +26,7 @@ from query.evaluate import evaluate
 from query.search import Found, PathVerdicts, compare, search_portion
 from query.tally import Tally
 from raymap.errors import DamagedPortion
+from raymap.photometry import path_sums, ray_weights
 
 if TYPE_CHECKING:
     from raymap.reader import RayMap
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 __all__ = ["Cancel", "Progress", "Scan", "Totals", "default_threads", "map_facts"]
 
 Ints = NDArray[np.integer]
+Floats = NDArray[np.float64]
 
 Cancel = Callable[[], bool] | threading.Event | None
 
@@ -65,6 +67,9 @@ def map_facts(map: RayMap) -> MapFacts:
         channel_sets=map.channel_sets,
         emitted=map.emitted,
         weighted=any(portion.has_weights for portion in map.portions),
+        worth_by_color=any(
+            map.photometry(number).changes for number in range(len(map.channel_sets))
+        ),
         has_column=lambda name: any(_has_column(portion, name) for portion in map.portions),
     )
 
@@ -176,8 +181,19 @@ class Scan:
 
     @cached_property
     def grouped(self) -> bool:
-        """Whether emissions may be several rays, so that weights are summed ray by ray."""
-        return any(portion.grouped for portion in self.map.portions)
+        """Whether rays are summed one by one.
+
+        Several may stem from one emission, or the squares of what they are worth are not stored.
+        """
+        if any(portion.grouped for portion in self.map.portions):
+            return True
+        return self.merged is not None and self._merged_sums[1] is None
+
+    @cached_property
+    def _merged_sums(self) -> tuple[Floats, Floats | None]:
+        """Sums of the merged paths, whose flux they are with a source's flux per ray."""
+        assert self.merged is not None
+        return path_sums(self.merged.paths, self.map)
 
     @cached_property
     def open_portions(self) -> list[int]:
@@ -303,7 +319,7 @@ class Scan:
         if not len(rays):
             return _Fresh(Tally.zeros(self.n_sources), None)
         portion, paths = found.portion, found.paths.of_ray[rays]
-        weight = portion.column("weight").astype(np.float64)[rays] if portion.has_weights else None
+        weight = ray_weights(portion, rays)
         emission = portion.column("emission")[rays] if portion.grouped else None
         source = found.paths.base.source[paths]
         by_source = Tally.of_rays(source, weight, emission, self.n_sources)
@@ -327,7 +343,10 @@ class Scan:
 
     def _of_paths(self, base: PathContext, chosen: Ints, labels: Ints | None) -> Totals:
         paths = base.paths
-        sums = paths.rays[chosen], paths.sum_w[chosen], paths.sum_w2[chosen]
+        whole = self.merged is not None and paths is self.merged.paths
+        sum_w, sum_w2 = self._merged_sums if whole else path_sums(paths, self.map)
+        assert sum_w2 is not None
+        sums = paths.rays[chosen], sum_w[chosen], sum_w2[chosen]
         return Totals(
             Tally.of_paths(paths.source[chosen], *sums, self.n_sources),
             Tally.zeros(0)

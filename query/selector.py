@@ -20,6 +20,7 @@ from query.selection import Selection
 from query.sharded import scan_shards, worth_spreading
 from query.tally import Tally
 from raymap.errors import CriterionError
+from raymap.photometry import ray_weights
 
 if TYPE_CHECKING:
     from raymap.reader import RayMap
@@ -210,7 +211,7 @@ def _trim(scan: Scan, found: list[tuple[int, Ids]], reach: int | None) -> Tally:
         mask[kept] = True
         masks[index] = (np.packbits(mask),)
         source = portion.column("source")[kept]
-        weight = portion.column("weight").astype(float)[kept] if portion.has_weights else None
+        weight = ray_weights(portion, kept)
         emission = portion.column("emission")[kept] if portion.grouped else None
         tally = tally + Tally.of_rays(source, weight, emission, scan.n_sources)
     scan.masks = masks

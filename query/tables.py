@@ -23,6 +23,7 @@ from query.sharded import paths_of_shards, worth_spreading
 from query.tally import Tally, source_factors, variances
 from raymap.agreement import FalseFooter
 from raymap.errors import RayMapError
+from raymap.photometry import ray_weights
 
 if TYPE_CHECKING:
     from raymap.reader import RayMap
@@ -410,7 +411,7 @@ def _grouped(found: Found, by: str) -> Part:
     rays = np.flatnonzero(found.masks[0])
     labels = groups[found.paths.of_ray[rays]]
     portion = found.portion
-    weight = portion.column("weight").astype(np.float64)[rays] if portion.has_weights else None
+    weight = ray_weights(portion, rays)
     emission = portion.column("emission")[rays] if portion.grouped else None
     tally = Tally.of_rays(labels, weight, emission, len(representatives))
     some = np.flatnonzero(tally.rays)

@@ -22,7 +22,7 @@ ray here.
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,6 +39,10 @@ from raymap.colorimetry import (
 from raymap.directory import ChannelSet, Directory
 from raymap.schema import COLOR_SCALE
 
+if TYPE_CHECKING:
+    from raymap.paths import PathDictionary
+    from raymap.reader import RayMap
+
 __all__ = [
     "RGB_EFFICACY",
     "Photometry",
@@ -47,6 +51,8 @@ __all__ = [
     "channel_xyz",
     "colors_of_codes",
     "displayed",
+    "path_sums",
+    "ray_weights",
 ]
 
 Floats = NDArray[np.float64]
@@ -159,6 +165,11 @@ class Photometry:
         """(n_sources, n_colors) worth of light with colours (n_colors, n_channels)."""
         return np.asarray(self.channel_worth @ np.asarray(shares, np.float64).T)
 
+    def worth_of_rays(self, source: Ints, codes: Ints, color_table: NDArray[np.uint16]) -> Floats:
+        """(n,) worth of light of these sources with these colour codes."""
+        seen = colors_of_codes(color_table, len(self.efficacy)) @ self.efficacy
+        return np.where(self.known[source], seen[codes] / self.emitted_efficacy[source], 1.0)
+
     def amounts(self, shares: ArrayLike) -> Floats:
         """(n_colors, n_channels) watt by channel of a unit of `radiant_fluxes` in these colours.
 
@@ -195,6 +206,51 @@ class Photometry:
         """Watt of one unit of the sums of a detector."""
         lit = np.asarray(emitted) > 0
         return float(self.radiant_fluxes[lit].sum()) / max(float(np.sum(emitted)), 1.0)
+
+
+def ray_weights(portion: Any, rays: Ints) -> Floats | None:
+    """(n,) weight × worth of rays at their ends, by which a source's flux per ray counts.
+
+    Parameters
+    ----------
+    portion : a `StoredPortion`
+    rays : (n,) their places in it
+
+    Returns
+    -------
+    None where all are 1
+    """
+    weight: Floats | None = None
+    if portion.has_weights:
+        weight = portion.column("weight")[rays].astype(np.float64)
+    light = portion.map.photometry(portion.channel_set)
+    if not light.changes:
+        return weight
+    source, codes = portion.column("source")[rays], portion.column("last_color")[rays]
+    worth: Floats = light.worth_of_rays(source, codes, portion.color_table())
+    return worth if weight is None else weight * worth
+
+
+def path_sums(paths: PathDictionary, map: RayMap) -> tuple[Floats, Floats | None]:
+    """Sums of weight × worth of each path, and of its squares: (n_paths,) each.
+
+    The squares are None where only the rays tell them: in a map in lumen that does not store them,
+    and whose light is not of a single channel at the end of each path.
+    """
+    lights = [map.photometry(number) for number in range(len(map.channel_sets))]
+    if not any(light.changes for light in lights):
+        return paths.sum_w, paths.sum_w2
+    sums, lit = np.zeros(paths.n_paths), np.zeros(paths.n_paths, np.int64)
+    for light, colors in zip(lights, paths.sum_wc, strict=False):
+        if colors.shape[1]:
+            known = light.known[paths.source]
+            emitted = light.emitted_efficacy[paths.source]
+            sums += np.where(known, (colors @ light.efficacy) / emitted, colors.sum(axis=1))
+            lit += (colors > 0.0).sum(axis=1)
+    if (lit > 1).any():
+        return sums, None
+    worth = np.divide(sums, paths.sum_w, out=np.zeros(len(sums)), where=paths.sum_w > 0.0)
+    return sums, paths.sum_w2 * worth**2
 
 
 def _as_stored(colors: Floats) -> Floats:

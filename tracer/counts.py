@@ -1,12 +1,13 @@
 """What a trace counted, as flux with its standard error.
 
-A ray of weight w that source s emitted carries the flux w Φ_s/N_s, N_s being the rays (emissions,
-where they split) that the source sent. So sums are kept by groups of sources of one Φ_s/N_s until
-the trace has ended:
+A ray of weight w that source s emitted carries the flux w y Φ_s/N_s, N_s being the rays (emissions,
+where they split) that the source sent, and y the worth of its colour, 1 for flux in watt
+(`raymap.photometry`). So sums are kept by groups of sources of one Φ_s/N_s and one colour until the
+trace has ended:
 
-    flux = Σ_s Φ_s/N_s Σw,    se² = Σ_s (Φ_s/N_s)² [Σw² - (Σw)²/N_s],
+    flux = Σ_s Φ_s/N_s Σwy,    se² = Σ_s (Φ_s/N_s)² [Σ(wy)² - (Σwy)²/N_s],
 
-w being all that one emission brings to the place that is asked for.
+wy being all that one emission brings to the place that is asked for.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ class Count:
     ----------
     source_flux : (G,) flux of each group [flux unit]
     emitted : (G,) rays (emissions) that it sent
-    sums : (G, …) Σw
-    squares : (G, …) Σ over emissions of (Σw)²
+    sums : (G, …) Σwy
+    squares : (G, …) Σ over emissions of (Σwy)²
     """
 
     source_flux: Array
@@ -56,7 +57,7 @@ class Count:
 
     @property
     def spread(self) -> Array:
-        """(G, …) squared standard error of Σw."""
+        """(G, …) squared standard error of Σwy."""
         counted = np.where(self.emitted > 0, self.emitted, np.inf)
         shape = (-1, *[1] * (self.sums.ndim - 1))
         return np.asarray(np.maximum(self.squares - self.sums**2 / counted.reshape(shape), 0.0))
@@ -81,33 +82,59 @@ class DetectorCount:
     cells : flux by cell, places (cells_v, cells_u)
     whole : flux by detector, no places
     by_channel : (G, cells_v, cells_u, n_channels) Σ w c
-    sums2 : (cells_v, cells_u, n_channels) Σ over emissions of (Σ w c)²
+    squares_by_channel : (G, cells_v, cells_u, n_channels) Σ over emissions of (Σ w c)²
+    worth : (G, n_channels) worth of each channel's light (`raymap.photometry`)
+    radiant : (G,) radiant flux of each group [W]
     """
 
     cells: Count
     whole: Count
     by_channel: Array
-    sums2: Array
+    squares_by_channel: Array
+    worth: Array
+    radiant: Array
 
     def __add__(self, other: DetectorCount) -> DetectorCount:
         return DetectorCount(
             cells=self.cells + other.cells,
             whole=self.whole + other.whole,
             by_channel=self.by_channel + other.by_channel,
-            sums2=self.sums2 + other.sums2,
+            squares_by_channel=self.squares_by_channel + other.squares_by_channel,
+            worth=self.worth,
+            radiant=self.radiant,
         )
 
     @property
+    def _weights(self) -> Array:
+        """(G,) radiant flux per ray of each group over that of all rays."""
+        sent = self.cells.emitted
+        own = np.divide(self.radiant, sent, out=np.zeros(len(sent)), where=sent > 0)
+        mean = self.radiant.sum() / max(float(sent.sum()), 1.0)
+        return own / mean if mean > 0.0 else np.ones(len(sent))
+
+    @property
     def sums(self) -> Array:
-        """(cells_v, cells_u, n_channels) Σ w c, unnormalised, as maps store it."""
+        """(cells_v, cells_u, n_channels) Σ w c, as maps store it.
+
+        The light of each source counts with its radiant flux per ray over that of all rays, so that
+        a common factor makes watt of it.
+        """
         if len(self.by_channel) == 1:
             return np.asarray(self.by_channel[0])
-        return np.asarray(self.by_channel.sum(axis=0))
+        return np.asarray(np.tensordot(self._weights, self.by_channel, axes=1))
+
+    @property
+    def sums2(self) -> Array:
+        """(cells_v, cells_u, n_channels) Σ over emissions of (Σ w c)², weighed like `sums`."""
+        if len(self.by_channel) == 1:
+            return np.asarray(self.squares_by_channel[0])
+        return np.asarray(np.tensordot(self._weights**2, self.squares_by_channel, axes=1))
 
     @property
     def channels(self) -> Array:
         """(cells_v, cells_u, n_channels) flux by cell and channel [flux unit]."""
-        return np.asarray(np.tensordot(self.cells.factors, self.by_channel, axes=1))
+        factors = self.cells.factors[:, None] * self.worth
+        return np.asarray(np.einsum("gk,gvuk->vuk", factors, self.by_channel))
 
     @property
     def flux(self) -> Array:

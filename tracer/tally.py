@@ -18,6 +18,7 @@ from raymap.directory import ChannelSet, Directory
 from raymap.errors import SceneError
 from raymap.events import Event
 from raymap.kernels import inner_kernel, lean_kernel
+from raymap.photometry import Photometry
 from raymap.portion import Portion
 from raymap.schema import COLOR_SCALE
 from tracer.counts import Count, Counts, DetectorCount
@@ -59,8 +60,13 @@ class Tally:
         areas = self._cells[:, 0] * self._cells[:, 1]
         self._first = np.concatenate(([0], np.cumsum(areas))).astype(np.int64)
         n_cells = int(self._first[-1])
-        per_group = n_cells * (self.n_channels + 1) + 2 * (n_objects + n_media)
+        per_group = n_cells * (2 * self.n_channels + 1) + 3 * (n_objects + n_media)
+        light = Photometry(directory, channel_set)
+        self._worth = np.ascontiguousarray(light.channel_worth)
         self.group = self._groups(per_group)
+        _, members = np.unique(self.group, return_index=True)
+        self._worth_of_group = self._worth[members]
+        self._radiant = np.bincount(self.group, light.radiant_fluxes).astype(np.float64)
         n_groups = int(self.group.max(initial=-1)) + 1
         try:
             self._allocate(n_groups, n_cells, n_objects + n_media)
@@ -75,11 +81,12 @@ class Tally:
         """Sums and squares by place, and what the emission at hand (from 1 on) has brought."""
         n_detectors = len(self._cells)
         places = len(CLASSES) + n_takers + n_detectors
-        self.endings = np.zeros((2, len(self.fluxes), len(CLASSES)))
-        self._taken = np.zeros((2, n_groups, n_takers))
-        self._whole = np.zeros((2, n_groups, n_detectors))
+        # Of all rays Σw, Σwy and Σ(wy)²
+        self.endings = np.zeros((3, len(self.fluxes), len(CLASSES)))
+        self._taken = np.zeros((3, n_groups, n_takers))
+        self._whole = np.zeros((3, n_groups, n_detectors))
         self._sums = np.zeros((n_groups, n_cells, self.n_channels))
-        self._sums2 = np.zeros((n_cells, self.n_channels))
+        self._sums2 = np.zeros((n_groups, n_cells, self.n_channels))
         self._squares = np.zeros((n_groups, n_cells))
         self._last_place, self._part_place = np.zeros(places, np.int64), np.zeros(places)
         self._last_cell = np.zeros(n_cells, np.int64)
@@ -90,8 +97,11 @@ class Tally:
         n = len(self.fluxes)
         if n * per_group <= _MOST_VALUES:
             return np.arange(n)
-        known: dict[tuple[float, Any], int] = {}
-        kinds = [(item.flux, item.parameters.get("share")) for item in self.directory.sources]
+        known: dict[tuple[Any, ...], int] = {}
+        kinds = [
+            (item.flux, item.parameters.get("share"), worth.tobytes())
+            for item, worth in zip(self.directory.sources, self._worth, strict=True)
+        ]
         return np.array([known.setdefault(kind, len(known)) for kind in kinds], np.int64)
 
     def add(self, portion: Portion, records: int | None = None) -> None:
@@ -106,8 +116,9 @@ class Tally:
             before = self._emissions
             self._emissions = _add_endings(
                 portion.source, portion.records_per_ray, portion.event, portion.object,
-                portion.medium, weights, emissions, self.blocking, self.group, self.endings,
-                self._taken, self._last_place, self._part_place, before,
+                portion.medium, portion.color_code, portion.color_table, weights, emissions,
+                self.blocking, self.group, self._worth, self.endings, self._taken,
+                self._last_place, self._part_place, before,
             )  # fmt: skip
             if len(portion.descriptors.detector):
                 _add_meetings(
@@ -115,6 +126,7 @@ class Tally:
                     portion.color_code, portion.color_table, weights, emissions,
                     portion.descriptors.detector, portion.descriptors.cell,
                     portion.descriptors.registered, self._cells, self._first, self.group,
+                    self._worth,
                     self._sums, self._sums2, self._squares, self._whole, self._last_cell,
                     self._part_cell, self._last_place, self._part_place, before,
                 )  # fmt: skip
@@ -131,12 +143,12 @@ class Tally:
             endings=Count(
                 source_flux=self.fluxes,
                 emitted=self.emitted.astype(np.float64),
-                sums=self.endings[0].copy(),
-                squares=self.endings[1].copy(),
+                sums=self.endings[1].copy(),
+                squares=self.endings[2].copy(),
             ),
             objects=tuple(item.name for item in directory.objects),
             media=tuple(item.name for item in directory.media),
-            taken=self._count(*self._taken.copy()),
+            taken=self._count(*self._taken[1:].copy()),
             detectors={item.name: self.detector(k) for k, item in enumerate(directory.detectors)},
         )
 
@@ -147,12 +159,15 @@ class Tally:
         by_channel = self._sums[:, part] / COLOR_SCALE
         return DetectorCount(
             cells=self._count(
-                _all_channels(by_channel).reshape(-1, n_v, n_u),
+                _all_channels(by_channel, self._worth_of_group).reshape(-1, n_v, n_u),
                 self._squares[:, part].reshape(-1, n_v, n_u) / COLOR_SCALE**2,
             ),
-            whole=self._count(*self._whole[:, :, number].copy()),
+            whole=self._count(*self._whole[1:, :, number].copy()),
             by_channel=by_channel.reshape(-1, n_v, n_u, self.n_channels),
-            sums2=self._sums2[part].reshape(n_v, n_u, self.n_channels) / COLOR_SCALE**2,
+            squares_by_channel=self._sums2[:, part].reshape(-1, n_v, n_u, self.n_channels)
+            / COLOR_SCALE**2,
+            worth=self._worth_of_group,
+            radiant=self._radiant,
         )
 
     def detector_sums(self, number: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -200,16 +215,18 @@ class Tally:
         """Share of all light that ended in a class."""
         emitted = self.emitted.astype(np.float64)
         per_ray = np.divide(self.fluxes, emitted, out=np.zeros(len(emitted)), where=emitted > 0)
-        flux = per_ray @ self.endings[0]
+        flux = per_ray @ self.endings[1]
         total = float(flux.sum())
         return float(flux[CLASSES.index(name)]) / total if total else 0.0
 
 
-def _all_channels(by_channel: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Sum over the last axis, which is short: NumPy takes ten times as long."""
+def _all_channels(
+    by_channel: NDArray[np.float64], worth: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Σ over the last axis, which is short, times worth: NumPy's sum takes ten times as long."""
     total = np.zeros(by_channel.shape[:-1])
     for channel in range(by_channel.shape[-1]):
-        total += by_channel[..., channel]
+        total += by_channel[..., channel] * worth[:, channel, None]
     return total
 
 
@@ -220,22 +237,37 @@ def _plain(value: Any) -> float:
 
 @inner_kernel
 def _bring(
-    sums: F64, group: int, place: int, slot: int, last: I64, part: F64, number: int, weight: float
-) -> None:
+    sums: F64, group: int, place: int, slot: int, last: I64, part: F64, number: int,
+    weight: float, worth: float,
+) -> None:  # fmt: skip
     """Add a weight to a place; the square is that of all that emission ``number`` brings there."""
     if last[slot] != number:
         last[slot] = number
         part[slot] = 0.0
+    light = weight * worth
     sums[0, group, place] += weight
-    sums[1, group, place] += weight * (weight + 2.0 * part[slot])
-    part[slot] += weight
+    sums[1, group, place] += light
+    sums[2, group, place] += light * (light + 2.0 * part[slot])
+    part[slot] += light
+
+
+@inner_kernel
+def _worth_of(color_table: Any, code: Integer, worth: F64, source: int) -> float:
+    """Worth of light of a colour."""
+    n_channels = worth.shape[1]
+    if code < n_channels:
+        return float(worth[source, code])
+    total = 0.0
+    for k in range(n_channels):
+        total += color_table[code - n_channels, k] * worth[source, k]
+    return total / 65535.0
 
 
 @lean_kernel
 def _add_endings(
-    source: Any, records_per_ray: Any, event: Any, obj: Any, medium: Any, weights: F64,
-    emissions: I64, blocking: I64, group: I64, endings: F64, taken: F64, last: I64, part: F64,
-    number: int,
+    source: Any, records_per_ray: Any, event: Any, obj: Any, medium: Any, color_code: Any,
+    color_table: Any, weights: F64, emissions: I64, blocking: I64, group: I64, worth: F64,
+    endings: F64, taken: F64, last: I64, part: F64, number: int,
 ) -> int:  # fmt: skip
     """Add how the rays of a portion ended; the number of the last emission."""
     n_classes, n_objects = endings.shape[2], len(blocking)
@@ -261,9 +293,10 @@ def _add_endings(
         else:
             ending = _ERRORS
         s = source[ray]
-        _bring(endings, s, ending, ending, last, part, number, weight)
+        y = _worth_of(color_table, np.int64(color_code[r]), worth, s)
+        _bring(endings, s, ending, ending, last, part, number, weight, y)
         if place >= 0:
-            _bring(taken, group[s], place, n_classes + place, last, part, number, weight)
+            _bring(taken, group[s], place, n_classes + place, last, part, number, weight, y)
     return number
 
 
@@ -271,8 +304,8 @@ def _add_endings(
 def _add_meetings(
     source: Any, records_per_ray: Any, descriptor_count: Any, color_code: Any, color_table: Any,
     weights: F64, emissions: I64, detector: Any, cell: Any, registered: Any, cells: I64,
-    first: I64, group: I64, sums: F64, sums2: F64, squares: F64, whole: F64, last_cell: I64,
-    part_cell: F64, last: I64, part: F64, number: int,
+    first: I64, group: I64, worth: F64, sums: F64, sums2: F64, squares: F64, whole: F64,
+    last_cell: I64, part_cell: F64, last: I64, part: F64, number: int,
 ) -> None:  # fmt: skip
     """Add what the detectors registered.
 
@@ -294,10 +327,11 @@ def _add_meetings(
             for _ in range(descriptor_count[record]):
                 if registered[d]:
                     seen = detector[d]
-                    _bring(whole, g, seen, beside + seen, last, part, number, weight)
+                    code = np.int64(color_code[record])
+                    y = _worth_of(color_table, code, worth, source[ray])
+                    _bring(whole, g, seen, beside + seen, last, part, number, weight, y)
                     place = first[seen]
                     place += np.int64(cell[d, 1]) * cells[seen, 0] + np.int64(cell[d, 0])
-                    code = np.int64(color_code[record])
                     met += 1
                     if met == 1:
                         first_place, first_code, first_weight = int(place), int(code), weight
@@ -311,11 +345,11 @@ def _add_meetings(
                     for k in range(n_channels):
                         value = _light(color_table, code, k, n_channels, weight)
                         own = part_cell[place, k] if mixed else 0.0
-                        before += own
-                        added += value
+                        before += own * worth[source[ray], k]
+                        added += value * worth[source[ray], k]
                         if value != 0.0:
                             sums[g, place, k] += value
-                            sums2[place, k] += value * (value + 2.0 * own)
+                            sums2[g, place, k] += value * (value + 2.0 * own)
                     squares[g, place] += added * (added + 2.0 * before)
                     if met > 1:
                         _keep(last_cell, part_cell, place, number, color_table, code, weight)

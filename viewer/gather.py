@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.directory import ChannelSet
-from raymap.photometry import colors_of_codes, displayed
+from raymap.photometry import colors_of_codes, displayed, ray_weights
 from viewer.rays import DrawnRays
 
 if TYPE_CHECKING:
@@ -94,13 +94,13 @@ def read_rays(
     flux = np.array([entry.flux for entry in ray_map.directory.sources], np.float64)
     total = ray_map.emitted if emitted is None else emitted
     flux_per_ray = flux / np.maximum(total, 1)
-    weight = portion.column("weight")[rows] if portion.has_weights else 1.0
+    weight = ray_weights(portion, rows)
     ray_ids = portion.ray_ids()[rows]
     return DrawnRays(
         ray_ids=ray_ids,
         offsets=own,
         source=source,
-        flux=flux_per_ray[source] * weight,
+        flux=flux_per_ray[source] * (1.0 if weight is None else weight),
         path=_paths(ray_map, portion_index, rows, ray_ids),
         wavelength=wavelength,
         position=portion.column("position")[records],

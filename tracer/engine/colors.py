@@ -3,7 +3,8 @@
 A code below the number of channels says that all light is in that channel; other codes name a row
 of ``colors``, whose first rows are the colours of the sources. What happens with a different
 probability in each channel changes the mixture: the ray goes on with P = Σ c_i w_i, and its colour
-becomes c_i w_i / P, so that the expectation of each channel is exact.
+becomes c_i w_i / P, so that the expectation of each channel is exact. What does not go on has the
+colour of the rest, c_i (1 - w_i) / (1 - P): the light that is lost closes the sum of each channel.
 
 Quantities per channel stand in a table, from column ``column`` of row ``row`` on. ``colors`` has
 spare rows behind the ``counters[COLORS]`` in use: a step adds at most three per ray, and the row
@@ -12,11 +13,13 @@ after the next one may hold weights that were only just computed.
 
 from __future__ import annotations
 
+import numpy as np
+
 from raymap.kernels import inner_kernel, unsigned
 from tracer.engine.buffers import COLORS
 from tracer.geometry.kinds import F64, I64, Integer
 
-__all__ = ["mean_of", "pick_channel", "recolor"]
+__all__ = ["mean_of", "pick_channel", "recolor", "recolor_lost"]
 
 
 @inner_kernel
@@ -69,3 +72,17 @@ def recolor(
     for k in range(n_channels):
         colors[new, k] = colors[old, k] * table[row, column + k] / total
     return n_channels + new
+
+
+@inner_kernel
+def recolor_lost(
+    colors: F64, code: int, table: F64, row: Integer, column: Integer, counters: I64
+) -> int:
+    """Code of the colour c_i (1 - w_i) / Σ c_i (1 - w_i) of light that does not go on."""
+    n_channels: int = colors.shape[1]
+    if code < n_channels:
+        return code
+    spare = counters[COLORS] + 1
+    for k in range(n_channels):
+        colors[spare, k] = max(0.0, 1.0 - table[row, column + k])
+    return recolor(colors, code, colors, spare, np.int64(0), counters)

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from raymap.cells import is_pinhole
 from raymap.events import Event
 from raymap.kernels import inner_kernel, lean_kernel
+from raymap.photometry import Photometry
 from raymap.portion import Portion
 from tracer.counts import Count, DetectorCount
 from tracer.engine.buffers import (
@@ -125,6 +126,7 @@ class Pinholes:
         self.squares = {k: np.zeros(sums[0, ..., 0].size + 1) for k, sums in self.sums.items()}
         self.objects = self._objects()
         self.share = _relative_flux(compilation)
+        self.radiant, self.worth = _common_light(compilation)
         self._seen: dict[int, list[tuple[I64, I64, F64]]] = {}
         self._local = threading.local()
 
@@ -210,7 +212,8 @@ class Pinholes:
             sums = self.sums[k].reshape(2, -1, self.n_channels)
             last = np.full(len(sums[0]) + 1, -1, np.int64)
             partial = np.zeros((len(last), self.n_channels))
-            _add_up(cell, ray, light, sums[0], sums[1], self.squares[k], last, partial)
+            squares = self.squares[k]
+            _add_up(cell, ray, light, self.worth[0], sums[0], sums[1], squares, last, partial)
 
     def counts(self, emitted: I64) -> dict[str, DetectorCount]:
         """What the pinholes have seen of so many rays per source, by name."""
@@ -224,14 +227,22 @@ class Pinholes:
             cells = Count(
                 source_flux=flux,
                 emitted=rays,
-                sums=sums.sum(axis=2)[None],
+                sums=(sums @ self.worth[0])[None],
                 squares=squares[:-1].reshape(1, *sums.shape[:2]),
             )
             whole = Count(
-                source_flux=flux, emitted=rays, sums=sums.sum().reshape(1), squares=squares[-1:]
+                source_flux=flux,
+                emitted=rays,
+                sums=cells.sums.sum().reshape(1),
+                squares=squares[-1:],
             )
             found[directory.detectors[k].name] = DetectorCount(
-                cells=cells, whole=whole, by_channel=sums[None], sums2=sums2
+                cells=cells,
+                whole=whole,
+                by_channel=sums[None],
+                squares_by_channel=sums2[None],
+                worth=self.worth,
+                radiant=self.radiant,
             )
         return found
 
@@ -243,10 +254,18 @@ class Pinholes:
         return self._local.buffers, self._local.scratch
 
 
+def _common_light(compilation: Compilation) -> tuple[F64, F64]:
+    """Radiant flux of all sources, (1,), and the worth of each channel's light, (1, n_channels)."""
+    light = Photometry(compilation.directory, compilation.channel_set)
+    total = light.radiant_fluxes.sum()
+    by_channel = light.flux_by_channel(np.ones(len(light.efficacy)))
+    return np.array([total]), (by_channel * (total / light.fluxes.sum()))[None]
+
+
 def _relative_flux(compilation: Compilation) -> F64:
-    """Flux of a ray of each source over the mean flux of all rays."""
+    """Radiant flux of a ray of each source over the mean of all rays."""
     pattern = compilation.arrays.pattern
-    fluxes = np.array([source.flux for source in compilation.directory.sources])
+    fluxes = Photometry(compilation.directory, compilation.channel_set).radiant_fluxes
     turns = np.bincount(pattern, minlength=len(fluxes))
     mean = fluxes.sum() / len(pattern)
     return np.asarray(np.where(turns > 0, fluxes / np.maximum(turns, 1) / mean, 0.0))
@@ -395,8 +414,9 @@ def _nearest_mesh(mesh: MeshArrays, b: Buffers, scratch: MeshScratch, n: int) ->
 
 @lean_kernel
 def _add_up(
-    cell: I64, ray: I64, light: F64, sums: F64, sums2: F64, squares: F64, last: I64, partial: F64
-) -> None:
+    cell: I64, ray: I64, light: F64, worth: F64, sums: F64, sums2: F64, squares: F64, last: I64,
+    partial: F64,
+) -> None:  # fmt: skip
     """Add light to cells; squares are those of all that one ray sends to a cell, to all cells."""
     whole = len(sums)
     for i in range(len(cell)):
@@ -413,6 +433,6 @@ def _add_up(
                     sums[c, k] += value
                     sums2[c, k] += value * (2.0 * old + value)
                 partial[c, k] = old + value
-                before += old
-                added += value
+                before += old * worth[k]
+                added += value * worth[k]
             squares[c] += added * (2.0 * before + added)

@@ -15,7 +15,7 @@ import numpy as np
 from raymap.events import Event
 from raymap.kernels import inner_kernel
 from tracer.engine.buffers import COLORS
-from tracer.engine.colors import mean_of, pick_channel, recolor
+from tracer.engine.colors import mean_of, pick_channel, recolor, recolor_lost
 from tracer.engine.random import advance, uniform
 from tracer.geometry.kinds import F64, I64
 from tracer.optics.abg import sample_radial, scatter_share
@@ -179,7 +179,7 @@ def survive_metal(
     surface_i: I64, surface_f: F64, medium_f: F64, tables: F64, surface: int, medium: int,
     cosine: float, code: int, colors: F64, counters: I64, u: float,
 ) -> tuple[bool, int]:  # fmt: skip
-    """Whether light is reflected by the metal, and its colour then."""
+    """Whether light is reflected by the metal, and its colour, or that of what is absorbed."""
     n_channels = colors.shape[1]
     if code < n_channels:
         reflectance = metal_reflectance(
@@ -192,7 +192,7 @@ def survive_metal(
             surface_i, surface_f, medium_f, tables, surface, medium, j, cosine
         )
     if u >= mean_of(colors, code, colors, spare, np.int64(0)):
-        return False, code
+        return False, recolor_lost(colors, code, colors, spare, np.int64(0), counters)
     return True, recolor(colors, code, colors, spare, np.int64(0), counters)
 
 
@@ -235,6 +235,7 @@ def meet_filter(
         )
     state = advance(state)
     if uniform(state) >= mean_of(colors, code, colors, spare, np.int64(0)):
+        code = recolor_lost(colors, code, colors, spare, np.int64(0), counters)
         return _ABSORBED, False, dx, dy, dz, code, state
     code = recolor(colors, code, colors, spare, np.int64(0), counters)
     return _REFRACTED, True, dx, dy, dz, code, state
@@ -303,6 +304,8 @@ def _rough_mirror(
         reflected = uniform(state) < mean_of(colors, code, colors, spare, np.int64(0))
         if reflected:
             code = recolor(colors, code, colors, spare, np.int64(0), counters)
+        else:
+            code = recolor_lost(colors, code, colors, spare, np.int64(0), counters)
     if not reflected:
         return _ABSORBED, x, y, z, code, state
     return _GLOSSY_REFLECTION, x, y, z, code, state
@@ -315,6 +318,7 @@ def sample_retroreflector(
 ) -> tuple[int, float, float, float, int, np.uint64]:  # fmt: skip
     state = advance(state)
     if uniform(state) >= mean_of(colors, code, surface_f, surface, np.int64(SURFACE_ROW)):
+        code = recolor_lost(colors, code, surface_f, surface, np.int64(SURFACE_ROW), counters)
         return _ABSORBED, 0.0, 0.0, 1.0, code, state
     code = recolor(colors, code, surface_f, surface, np.int64(SURFACE_ROW), counters)
     state = advance(state)

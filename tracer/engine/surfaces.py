@@ -14,7 +14,7 @@ import numpy as np
 from raymap.events import Event
 from raymap.kernels import inline_kernel, inner_kernel, unsigned
 from tracer.engine.buffers import COLORS
-from tracer.engine.colors import mean_of, pick_channel, recolor
+from tracer.engine.colors import mean_of, pick_channel, recolor, recolor_lost
 from tracer.engine.random import advance, uniform
 from tracer.engine.scattering import Outcome, meet_scatterer, scatter_specular
 from tracer.geometry.directions import about
@@ -124,7 +124,7 @@ def _meet_dielectric(
             place = surface_i[surface, S_METAL] + k * surface_i[surface, S_TRANSMITTED]
             reflectance, transmittance = coating(tables, place, n1, n2, cos_i)
             if u >= reflectance + transmittance and follow == 0:
-                return _ABSORBED, False, dx, dy, dz, code, state
+                return _ABSORBED, False, dx, dy, dz, k if select else code, state
         if u >= reflectance or follow == 1:
             event = _REFRACTED
             if select:
@@ -141,7 +141,7 @@ def _meet_dielectric(
             place = surface_i[surface, S_METAL] + k * surface_i[surface, S_TRANSMITTED]
             reflectance, _ = coating(tables, place, n1, n2, cos_i)
             if uniform(state) >= reflectance:
-                return _ABSORBED, False, dx, dy, dz, code, state
+                return _ABSORBED, False, dx, dy, dz, k if select else code, state
     if select:
         code = _recolor_reflected(
             surface_i,
@@ -207,7 +207,23 @@ def _meet_lambertian(
         code = recolor(colors, code, surface_f, surface, transmittance, counters)
         dx, dy, dz, state = diffuse(-nx, -ny, -nz, state)
         return _DIFFUSE_TRANSMISSION, True, dx, dy, dz, code, state
+    code = recolor_diffuse_lost(colors, code, surface_f, surface, counters)
     return _ABSORBED, False, dx, dy, dz, code, state
+
+
+@inner_kernel
+def recolor_diffuse_lost(
+    colors: F64, code: int, surface_f: F64, surface: int, counters: I64
+) -> int:
+    """Colour of what a diffuse surface neither reflects nor transmits."""
+    n_channels: int = colors.shape[1]
+    if code < n_channels:
+        return code
+    spare = counters[COLORS] + 1
+    for k in range(n_channels):
+        back = surface_f[surface, SURFACE_ROW + k]
+        colors[spare, k] = back + surface_f[surface, SURFACE_ROW + n_channels + k]
+    return recolor_lost(colors, code, colors, spare, np.int64(0), counters)
 
 
 @inner_kernel

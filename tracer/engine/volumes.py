@@ -9,7 +9,7 @@ import numpy as np
 from raymap.events import Event
 from raymap.kernels import inline_kernel, inner_kernel
 from tracer.engine.buffers import COLORS
-from tracer.engine.colors import mean_of, pick_channel, recolor
+from tracer.engine.colors import mean_of, pick_channel, recolor, recolor_lost
 from tracer.engine.random import advance, uniform
 from tracer.geometry.directions import about, sine_of
 from tracer.geometry.kinds import F64, I64
@@ -89,6 +89,7 @@ def fly_freely(
             s = medium_f[medium, n_channels + i] + medium_f[medium, 2 * n_channels + i]
             colors[spare, i] = medium_f[medium, 2 * n_channels + i] / s if s > 0.0 else 0.0
         if u >= mean_of(colors, code, colors, spare, np.int64(0)):
+            code = recolor_lost(colors, code, colors, spare, np.int64(0), counters)
             return _ABSORPTION, distance, dx, dy, dz, code, state
         code = recolor(colors, code, colors, spare, np.int64(0), counters)
     elif u * extinction >= medium_f[medium, 2 * n_channels + k]:

@@ -9,10 +9,10 @@ import numpy as np
 from raymap.events import Event
 from raymap.kernels import inner_kernel
 from tracer.engine.buffers import COLORS
-from tracer.engine.colors import mean_of, pick_channel, recolor
+from tracer.engine.colors import mean_of, pick_channel, recolor, recolor_lost
 from tracer.engine.random import advance, uniform
 from tracer.engine.scattering import metal_reflectance, sample_measured, sample_retroreflector
-from tracer.engine.surfaces import diffuse
+from tracer.engine.surfaces import diffuse, recolor_diffuse_lost
 from tracer.engine.weighted_aim import aim_or_keep, balance, frame_about, likely_enough
 from tracer.geometry.kinds import F64, I64
 from tracer.optics.bsdf import pdf_tabulated
@@ -64,6 +64,7 @@ def meet_diffuse(
     state = advance(state)
     u = uniform(state)
     if u >= chance:
+        code = recolor_diffuse_lost(colors, code, surface_f, surface, counters)
         return _ABSORBED, False, dx, dy, dz, code, state, weight * (1.0 - share) / (1.0 - chance)
     weight *= share / chance
     crosses = u * share >= back * chance
@@ -191,6 +192,7 @@ def meet_rough(
             surface_i, surface_f, medium_f, tables, surface, medium, j, cos_m
         ) + often * surface_f[surface, SURFACE_ROW + n_channels + j]
     if uniform(state) >= mean_of(colors, code, colors, spare, np.int64(0)):
+        code = recolor_lost(colors, code, colors, spare, np.int64(0), counters)
         return _ABSORBED, False, dx, dy, dz, code, state, weight
     code = recolor(colors, code, colors, spare, np.int64(0), counters)
     return event, False, ox, oy, oz, code, state, weight

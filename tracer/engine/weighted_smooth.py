@@ -136,7 +136,7 @@ def meet_smooth(
     # What neither goes back nor through is absorbed
     state = advance(state)
     if uniform(state) * (1.0 - r) >= t or cos2_t <= 0.0:
-        return _ABSORBED, False, dx, dy, dz, code, state, weight
+        return _ABSORBED, False, dx, dy, dz, k if select else code, state, weight
     event = _REFRACTED
     if select:
         event |= _SELECT

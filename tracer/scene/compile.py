@@ -33,7 +33,6 @@ from tracer.scene.arrays import (
     S_KIND,
     S_MODEL,
     S_TABLE,
-    SOURCE_ROW,
     CompiledScene,
     RareLight,
 )
@@ -195,7 +194,7 @@ class _Compiler:
             scene=scene,
             arrays=arrays,
             directory=self._directory(center, radius, sources.fluxes),
-            channel_set=self._channel_set(sources.numbers[:, SOURCE_ROW:]),
+            channel_set=self._channel_set(sources.colors),
             meshes=faces.meshes,
             departures=departures,
             solids=faces.shelf.finish(),
@@ -245,12 +244,12 @@ class _Compiler:
         return directory.model_copy(update={"scene_hash": _scene_hash(scene)})
 
     def _channel_set(self, colors: Array) -> ChannelSet:
-        from raymap.colorimetry import channel_display_rgb, luminous_efficacy
+        from raymap.colorimetry import RGB_LUMINANCE, channel_display_rgb, luminous_efficacy
 
         rgb = self.scene.spectrum.kind == "rgb"
         unit = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
         display = unit if rgb else _rows(channel_display_rgb(self.wavelengths, gamut=False))
-        luminous = (0.2126, 0.7152, 0.0722) if rgb else tuple(luminous_efficacy(self.wavelengths).tolist())  # fmt: skip # noqa: E501
+        luminous = RGB_LUMINANCE if rgb else tuple(luminous_efficacy(self.wavelengths).tolist())
         return ChannelSet(
             kind=self.scene.spectrum.kind,
             wavelengths_nm=tuple(self.wavelengths.tolist()),

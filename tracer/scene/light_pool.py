@@ -20,7 +20,7 @@ A row of ``rays`` holds position, direction (both in the frame of the source) an
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +74,8 @@ class LightPool:
         self.size = 0
         self.rays: list[NDArray[np.float32]] = []
         self.n_rays = 0
+        self.means: dict[int, Array] = {}
+        """By place the mean colour (C,) of light that has colours of its own."""
 
     def _add(self, *parts: Array) -> int:
         first = self.size
@@ -117,7 +119,9 @@ class LightPool:
             raise SceneError("the picture is black everywhere")
         running = np.cumsum(flux.ravel())
         colors = channels / np.where(flux > 0.0, flux, 1.0)[:, :, None]
-        return self._add(np.array([width, height]), running / running[-1], colors)
+        place = self._add(np.array([width, height]), running / running[-1], colors)
+        self.means[place] = channels.sum(axis=(0, 1)) / flux.sum()
+        return place
 
     def _basis(self) -> Array:
         """(3, C) light in the channels of one unit of R, G and B."""
@@ -154,7 +158,25 @@ class LightPool:
         running = np.zeros(0) if even else np.cumsum(light.flux) / light.flux.sum()
         palette = self.size + 7 + pattern + len(running)
         head = [first_row, n, even, light.in_order, len(turns), pattern, palette]
-        return self._add(np.array(head, float), ranks, running, light.palette)
+        place = self._add(np.array(head, float), ranks, running, light.palette)
+        if (light.color != -1).all():
+            shares = self._shares(light)
+            self.means[place] = light.flux @ shares / light.flux.sum()
+        return place
+
+    def _shares(self, light: PooledList) -> Array:
+        """(n, C) colours of rays that have one."""
+        single = np.eye(len(self.wavelengths))
+        table = np.concatenate((single, light.palette.reshape(-1, len(single))))
+        return table[np.where(light.color >= 0, light.color, len(single) - 2 - light.color)]
+
+    def by_power(self, light: PooledList, efficacy: Array) -> PooledList:
+        """A list whose fluxes are lumens, with those that its rays have as shares of channels."""
+        if (light.color == -1).any():
+            return light
+        seen = self._shares(light) @ efficacy
+        flux = np.divide(light.flux, seen, out=np.zeros(len(seen)), where=seen > 0.0)
+        return replace(light, flux=flux)
 
     def finish(self) -> tuple[Array | None, NDArray[np.float32] | None]:
         """The pool and the rays, None where no source needs them."""

@@ -6,11 +6,14 @@ import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.directory import ChannelSet
 from raymap.errors import SceneError
+from raymap.photometry import channel_efficacy
 from tracer.light import IntensityGrid, Opening, RayList
 from tracer.optics.dispersion import OutOfRangeWarning
 from tracer.optics.spectrum import SourceSpectrum, tabulated_spectrum
@@ -70,6 +73,7 @@ class CompiledSources:
     pool, rays : as ``light_pool`` and ``light_rays`` of `CompiledScene`
     boxes : per source the box that it emits from and the direction of its beam (zero: any)
     fluxes : in the flux unit of the map
+    colors : (n_sources, n_channels) mean colour of what each source emits
     """
 
     integers: Integers
@@ -79,6 +83,7 @@ class CompiledSources:
     rays: NDArray[np.float32] | None
     boxes: list[Box]
     fluxes: Array
+    colors: Array
 
 
 class SourceTable:
@@ -137,12 +142,20 @@ class SourceTable:
             ]
         )
         pattern = deal_rays(shares)
-        boxes = []
+        boxes, colors = [], numbers[:, SOURCE_ROW:].copy()
         for k, (name, model) in enumerate(self.models):
             row = numbers[k]
             row[SOURCE_ROW:] = self._color(name, model, lights[k])
             area, directions = self._shape(name, model, k, row, pool, pattern)
             color = row[SOURCE_ROW:]
+            own = area in (FROM_LIST, FROM_PICTURE)
+            colors[k] = pool.means.get(int(row[21]), color) if own else color
+            if self.scene.flux_unit == "lm" and fluxes[k] and not colors[k] @ self._efficacy() > 0:
+                raise self.fail(
+                    name,
+                    "the eye sees none of its light in the channels of the trace: it has no "
+                    'lumens; record with flux_unit = "W", or choose other wavelengths_nm',
+                )
             code = int(np.argmax(color)) if color.max() == 1.0 else n_channels + k
             nest, medium = self._nest(name, model)
             integers[k] = area, directions, code, nest, medium
@@ -156,6 +169,7 @@ class SourceTable:
             rays=rays,
             boxes=boxes,
             fluxes=fluxes,
+            colors=colors,
         )
 
     def box(self) -> list[Box]:
@@ -198,6 +212,8 @@ class SourceTable:
         if isinstance(light, RayList):
             row[18:21] = 0.0
             listed = self._list(name, model, light, pool)
+            if (model.flux_unit or light.unit) == "lm":
+                listed = pool.by_power(listed, self._efficacy())
             row[21] = pool.add_list(listed, np.flatnonzero(pattern == k), len(pattern))
             return FROM_LIST, UNIFORM_CONE
         if isinstance(light, IntensityGrid):
@@ -290,6 +306,13 @@ class SourceTable:
             raise self.fail(f"{name}.inside", f"names more than {NEST_BITS // bits} solids")
         nest = sum(self.nests[solid][0] << bits * k for k, solid in enumerate(within))
         return nest, self.nests[within[0]][1]
+
+    def _efficacy(self) -> Array:
+        """(n_channels,) lumen per watt of each channel."""
+        kind: Literal["rgb", "spectral"] = "rgb" if self.rgb else "spectral"
+        return channel_efficacy(
+            ChannelSet(kind=kind, wavelengths_nm=tuple(self.wavelengths.tolist()))
+        )
 
     # -- colour and flux -----------------------------------------------------------------------
 

@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from raymap.colorimetry import RGB_LUMINANCE
 from raymap.errors import SceneError
+from raymap.photometry import RGB_EFFICACY
 from tracer.optics import spectrum
 from tracer.optics.spectrum import SourceSpectrum
 from tracer.scene.fields import Node, Positive, Share
@@ -112,7 +114,8 @@ def convert_flux(
     wanted : unit of the map
     light : spectrum of the source, None if it has none
     wavelengths_nm : channels of a spectral trace, so that the light carries the lumens given even
-        where its channels are few; None for an RGB trace
+        where its channels are few; None for an RGB trace, whose watts are lumens by 179 lm/W of
+        white (`raymap.photometry`)
     name : of the source, for messages
 
     Raises
@@ -136,4 +139,7 @@ def convert_flux(
         raise SceneError(
             f"source {name!r}: the eye sees none of its spectrum {light.name!r}; give its flux in W"
         )
+    if wavelengths_nm is None:
+        # The map makes lumens of watts by one constant: let it show the lumens that were given
+        efficacy = float(3.0 * RGB_EFFICACY * light.rgb_shares() @ np.array(RGB_LUMINANCE))
     return flux / efficacy

@@ -35,7 +35,8 @@ def test_every_kind_gives_shares(text: dict[str, object]) -> None:
 
 def test_flux_changes_unit_through_the_spectrum() -> None:
     green = SpectrumModel.model_validate({"lines": {"wavelength_nm": [555], "power": [1]}}).build()
-    assert convert_flux(683.0, "lm", "W", green) == pytest.approx(1.0)
+    line = np.array([555.0])
+    assert convert_flux(683.0, "lm", "W", green, wavelengths_nm=line) == pytest.approx(1.0)
     assert convert_flux(2.0, "W", "lm", green) == pytest.approx(1366.0)
     assert convert_flux(5.0, "lm", "lm", None) == 5.0
     # With few channels, what they carry counts
@@ -44,6 +45,9 @@ def test_flux_changes_unit_through_the_spectrum() -> None:
     watt = convert_flux(100.0, "lm", "W", day, wavelengths_nm=channels)
     carried = watt * source_shares(day, channels, rgb=False) @ luminous_efficacy(channels)
     assert carried == pytest.approx(100.0)
+    # In RGB one constant makes lumens of watts, 179 lm/W of R = G = B, and watts of lumens
+    white = SpectrumModel(color=(1.0, 1.0, 1.0)).build()
+    assert convert_flux(358.0, "lm", "W", white) == pytest.approx(2.0, rel=2e-2)
     infrared = SpectrumModel.model_validate({"led": {"peak_nm": 940}}).build()
     with pytest.raises(SceneError, match="'ir': the eye sees none"):
         convert_flux(1.0, "lm", "W", infrared, name="ir")
