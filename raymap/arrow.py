@@ -130,6 +130,10 @@ def schema_of(ray_map: RayMap, rows: Rows) -> pa.Schema:
 
 def _metadata(ray_map: RayMap) -> dict[str, str]:
     directory = ray_map.directory
+    lights = [ray_map.photometry(number) for number in range(len(ray_map.channel_sets))]
+    worth = None
+    if any(light.changes for light in lights):
+        worth = [light.channel_worth.tolist() for light in lights]
     return {
         "raymap.directory": directory.model_dump_json(exclude_defaults=True),
         "raymap.channel_sets": json.dumps(
@@ -141,7 +145,10 @@ def _metadata(ray_map: RayMap) -> dict[str, str]:
                 for source, count in zip(directory.sources, ray_map.emitted, strict=True)
             }
         ),
-        "raymap.flux": "flux of a ray = source flux x weight / rays emitted by that source",
+        "raymap.flux": "flux of a ray = source flux x weight / rays emitted by that source"
+        + ("" if worth is None else " x sum over channels of color x raymap.worth"),
+        # By channel set, source and channel
+        **({} if worth is None else {"raymap.worth": json.dumps(worth)}),
     }
 
 
