@@ -191,19 +191,12 @@ class Photometry:
         sent = np.asarray(emitted, np.float64)
         return np.divide(self.radiant_fluxes, sent, out=np.zeros(len(sent)), where=sent > 0.0)
 
-    def result_weights(self, emitted: Ints) -> Floats:
-        """(n_sources,) weight of each source's light in the sums of a detector.
-
-        Sums by detector do not keep sources apart. With these weights Σ · Φ_W / N, Φ_W being the
-        flux of all sources and N the rays of all of them, is the flux of a cell in watt, though a
-        ray of one source carries more than that of another.
-        """
-        mean = self.result_factor(emitted)
-        per_ray = self.radiant_factors(emitted)
-        return per_ray / mean if mean > 0.0 else np.ones(len(per_ray))
-
     def result_factor(self, emitted: Ints) -> float:
-        """Watt of one unit of the sums of a detector."""
+        """Watt of one unit of a detector's sums in a map that has no rays for them.
+
+        Sums do not keep sources apart; there the light of each counts with its radiant flux per ray
+        over that of all of them.
+        """
         lit = np.asarray(emitted) > 0
         return float(self.radiant_fluxes[lit].sum()) / max(float(np.sum(emitted)), 1.0)
 

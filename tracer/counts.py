@@ -105,30 +105,33 @@ class DetectorCount:
         )
 
     @property
-    def _weights(self) -> Array:
-        """(G,) radiant flux per ray of each group over that of all rays."""
-        sent = self.cells.emitted
-        own = np.divide(self.radiant, sent, out=np.zeros(len(sent)), where=sent > 0)
-        mean = self.radiant.sum() / max(float(sent.sum()), 1.0)
-        return own / mean if mean > 0.0 else np.ones(len(sent))
-
-    @property
     def sums(self) -> Array:
-        """(cells_v, cells_u, n_channels) Σ w c, as maps store it.
-
-        The light of each source counts with its radiant flux per ray over that of all rays, so that
-        a common factor makes watt of it.
-        """
+        """(cells_v, cells_u, n_channels) Σ w c, unnormalised, as maps store it beside rays."""
         if len(self.by_channel) == 1:
             return np.asarray(self.by_channel[0])
-        return np.asarray(np.tensordot(self._weights, self.by_channel, axes=1))
+        return np.asarray(self.by_channel.sum(axis=0))
 
     @property
     def sums2(self) -> Array:
-        """(cells_v, cells_u, n_channels) Σ over emissions of (Σ w c)², weighed like `sums`."""
-        if len(self.by_channel) == 1:
+        """(cells_v, cells_u, n_channels) Σ over emissions of (Σ w c)²."""
+        if len(self.squares_by_channel) == 1:
             return np.asarray(self.squares_by_channel[0])
-        return np.asarray(np.tensordot(self._weights**2, self.squares_by_channel, axes=1))
+        return np.asarray(self.squares_by_channel.sum(axis=0))
+
+    def relative_sums(self) -> tuple[Array, Array]:
+        """`sums` and `sums2`, each source's light times its radiant flux per ray over the mean.
+
+        Sums do not tell sources apart. With these weights one factor, radiant flux of all sources
+        over rays of all of them, makes watt of them, as of maps without rays.
+        """
+        sent = self.cells.emitted
+        own = np.divide(self.radiant, sent, out=np.zeros(len(sent)), where=sent > 0)
+        mean = float(self.radiant.sum()) / max(float(sent.sum()), 1.0)
+        weights = own / mean if mean > 0.0 else np.ones(len(sent))
+        return (
+            np.asarray(np.tensordot(weights, self.by_channel, axes=1)),
+            np.asarray(np.tensordot(weights**2, self.squares_by_channel, axes=1)),
+        )
 
     @property
     def channels(self) -> Array:

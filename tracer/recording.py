@@ -137,9 +137,8 @@ def record(
             result = run.go(executor)
             statistics = _statistics(result.rays, result.seconds, result.audit, result.interrupted)
             write_counts(
-                writer, compilation.channel_set, result.counts, run.tally.group, seed=run.seed,
-                statistics=statistics,
-            )  # fmt: skip
+                writer, compilation.channel_set, result.counts, seed=run.seed, statistics=statistics
+            )
             return replace(result, bytes=writer.bytes_written)
         run = _Run(compilation, writer, rays, seconds, seed, count, portion_rays, progress)
         run.cancel = cancel

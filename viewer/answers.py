@@ -275,17 +275,21 @@ def detector_image(
 def _recorded_image(ray_map: RayMap, name: str) -> NDArray[np.float64] | None:
     """What the detector itself counted, if that says the flux: no ray is read.
 
-    Sums do not tell sources apart, so their rays must carry the same flux.
+    Sums do not tell sources apart, so their rays must carry the same radiant flux.
     """
     if len(ray_map.channel_sets) != 1:
         return None
-    emitted = ray_map.emitted
-    flux = np.array([source.flux for source in ray_map.directory.sources])
-    per_ray = flux[emitted > 0] / emitted[emitted > 0]
+    emitted, light = ray_map.emitted, ray_map.photometry(0)
+    if light.unit == "lm" and not light.known.all():
+        return None
+    per_ray = light.radiant_factors(emitted)[emitted > 0]
     if len(per_ray) == 0 or np.ptp(per_ray) > 1e-9 * per_ray.max():
         return None
     found = ray_map.detector_result(name)
-    return None if found is None else found[0].sum(axis=2) * per_ray[0]
+    if found is None:
+        return None
+    flux: NDArray[np.float64] = light.flux_by_channel(found[0] * per_ray[0]).sum(axis=2)
+    return flux
 
 
 def ghost_matrix(ray_map: RayMap, text: str, *, cancel: Cancel | None = None) -> GhostMatrix | str:

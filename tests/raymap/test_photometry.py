@@ -69,16 +69,14 @@ def test_light_of_unknown_colour_is_worth_its_weight() -> None:
     )
 
 
-def test_sums_of_sources_that_differ() -> None:
-    """Weights make rays of sources of different spectrum and share count in one currency."""
+def test_sources_that_differ_count_in_one_currency() -> None:
+    """Lumens of sources of different spectrum and share become watt by the light of each."""
     light = Photometry(directory("lm", 30.0, 90.0), spectral((1.0, 0.0, 0.0), (0.0, 0.5, 0.5)))
     emitted = np.array([700, 300])
-    weights = light.result_weights(emitted)
-    per_ray = weights * light.result_factor(emitted)
-    np.testing.assert_allclose(per_ray, light.radiant_factors(emitted))
-    np.testing.assert_allclose(per_ray * emitted * light.emitted_efficacy, (30.0, 90.0))
-    alone = Photometry(directory("W", 3.0), spectral((1.0, 0.0, 0.0)))
-    assert alone.result_weights(np.array([17])).tolist() == [1.0]
+    watts = light.radiant_factors(emitted) * emitted
+    np.testing.assert_allclose(watts * light.emitted_efficacy, (30.0, 90.0))
+    assert light.result_factor(emitted) == pytest.approx(watts.sum() / 1000)
+    assert light.radiant_factors(np.array([0, 1]))[0] == 0.0
 
 
 def test_mixed_light_is_brought_into_the_gamut_once() -> None:
