@@ -402,6 +402,14 @@ def main() -> None:
     except RayMapError as error:
         typer.echo(_told(error), err=True)
         raise SystemExit(1) from None
+    except ImportError as error:
+        from raymap.extras import missing_extra
+
+        told = missing_extra(error)
+        if told is None:
+            raise
+        typer.echo(_told(told), err=True)
+        raise SystemExit(1) from None
     except KeyboardInterrupt:
         raise SystemExit(130) from None
     except BrokenPipeError:

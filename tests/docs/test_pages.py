@@ -1,0 +1,163 @@
+"""Console blocks of the pages run with few rays, and say what the pages say.
+
+Figures are compared as samples of the same light: counts are scaled by the rays recorded, and agree
+within six standard errors of what the short run counts; ± grows with the root of that scale. On a
+page `…` stands for anything.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import shlex
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+RAYS = 100_000
+
+PAGES = (
+    "README.md",
+    "docs/find_the_ghost.md",
+    "docs/samples/integrating_sphere.md",
+    "docs/samples/prism_spectrometer.md",
+    "docs/samples/room.md",
+)
+
+NOT_RUN = {
+    "raymap view": "an application that serves until it is stopped; tests/viewer drives it",
+}
+"""Commands that a test cannot run, with the reason."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command of a page with the output that the page shows."""
+
+    page: str
+    line: int
+    text: str
+    output: tuple[str, ...]
+
+
+def commands(page: str) -> list[Command]:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    found: list[Command] = []
+    for block in re.finditer(r"^```console\n(.*?)^```", text, re.S | re.M):
+        line = text[: block.start()].count("\n") + 2
+        for number, row in enumerate(block[1].splitlines()):
+            if row.startswith("$ "):
+                found.append(Command(page, line + number, row[2:], ()))
+            elif row.strip():
+                last = found[-1]
+                found[-1] = Command(last.page, last.line, last.text, (*last.output, row.strip()))
+    return found
+
+
+def shortened(command: Command, written: dict[str, float]) -> tuple[list[str], float]:
+    """Words of the command with few rays, and how many times more the page records."""
+    words = shlex.split(command.text, comments=True)
+    scale = next((written[word] for word in words if word in written), 1.0)
+    if "--rays" in words and words[1] == "record":
+        place = words.index("--rays") + 1
+        rays = int(words[place])
+        scale = max(rays / RAYS, 1.0)
+        words[place] = str(min(rays, RAYS))
+        written[words[words.index("-o") + 1]] = scale
+    return words[1:], scale
+
+
+TOKEN = re.compile(r"…|[-+]?\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?|±|[^\s\d…±]+")
+
+
+def number(token: str) -> float | None:
+    try:
+        return float(token.replace(",", ""))
+    except ValueError:
+        return None
+
+
+def says(expected: str, got: str, scale: float) -> bool:
+    """Whether a line of output says what a line of a page says."""
+    wanted, found = TOKEN.findall(expected), TOKEN.findall(got)
+    counts = [int(t.replace(",", "")) for t in re.findall(r"(?<!\S)\d[\d,]*(?!\S)", got)]
+    fewest = min([c for c in counts if c > 20], default=0)
+    spread = 6.0 / math.sqrt(fewest) if fewest else 0.0
+
+    def agree(i: int, j: int) -> bool:
+        a, b = number(wanted[i]), number(found[j])
+        if a is None or b is None:
+            return wanted[i] == found[j]
+        if math.isclose(a, b, rel_tol=1e-9):
+            return True
+        if j and found[j - 1] == "±":
+            return 0.4 < b / (a * math.sqrt(scale)) < 2.5
+        error = number(found[j + 2]) if found[j + 1 : j + 2] == ["±"] else None
+        if error is not None:
+            return abs(a - b) <= 6.0 * error
+        times = scale if re.fullmatch(r"\d[\d,]*", found[j]) else 1.0
+        return abs(b * times - a) <= spread * a
+
+    def match(i: int, j: int) -> bool:
+        if i == len(wanted):
+            return j == len(found) or (bool(wanted) and wanted[-1] == "…")
+        if wanted[i] == "…":
+            return any(match(i + 1, k) for k in range(j, len(found) + 1))
+        return j < len(found) and agree(i, j) and match(i + 1, j + 1)
+
+    return match(0, 0)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A folder in which the pages' commands run one after the other."""
+    folder = tmp_path_factory.mktemp("pages")
+    shutil.copytree(ROOT / "samples", folder / "samples")
+    ghost = (ROOT / "docs" / "find_the_ghost.md").read_text(encoding="utf-8")
+    scene = (ROOT / "samples" / "double_gauss.toml").read_text(encoding="utf-8")
+    [addition] = re.findall(r"```toml\n(.*?)```", ghost, re.S)
+    (folder / "pair.toml").write_text(scene + "\n" + addition, encoding="utf-8")
+    return folder
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_console_blocks(page: str, folder: Path, run: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    written: dict[str, float] = {}
+    ran = 0
+    for command in commands(page):
+        if any(command.text.startswith(skipped) for skipped in NOT_RUN):
+            continue
+        words, scale = shortened(command, written)
+        if words[0] == "record":
+            words.append("--force")
+        code, out, error = run(*words)
+        ran += 1
+        where = f"{command.page}:{command.line}: {command.text}"
+        assert code == 0, f"{where}: {error}"
+        lines = iter(out.splitlines())
+        for expected in command.output:
+            assert any(says(expected, " ".join(line.split()), scale) for line in lines), (
+                f"{where} does not say {expected!r}:\n{out}"
+            )
+    assert ran
+
+
+@pytest.mark.parametrize(
+    ("expected", "got", "scale", "good"),
+    [
+        ("19,518 of 2,000,000 rays (0.9759%)", "976 of 100,000 rays (0.976%)", 20.0, True),
+        ("19,518 of 2,000,000 rays (0.9759%)", "700 of 100,000 rays (0.7%)", 20.0, False),
+        ("flux 0.0098 ± 7e-05 W", "flux 0.0101 ± 0.00031 W", 20.0, True),
+        ("flux 0.0098 ± 7e-05 W", "flux 0.0131 ± 0.00031 W", 20.0, False),
+        ("wrote a.png", "wrote b.png", 1.0, False),
+        ("2,000,000 rays, …", "100,000 rays, 3 records in 2 s", 20.0, True),
+    ],
+)
+def test_lines_are_compared_as_samples(expected: str, got: str, scale: float, good: bool) -> None:
+    assert says(expected, got, scale) is good
