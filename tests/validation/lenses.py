@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+import tempfile
 from pathlib import Path
 
 import numpy as np
 
 from tests.tracer.engine.test_peers_lens import GLASSES, RADII, THICKNESSES
+from tests.tracer.importers.lens_texts import opened, zemax
 from tests.tracer.lens.lenses import N_D, biconvex, parallel_ray
 from tests.validation import Row, check
 from tracer.lens import Glass, trace_lens
@@ -115,3 +117,27 @@ def polarised_field() -> list[Row]:
         Row(expected=e, got=float(g), tolerance=2e-8, of=axis)
         for axis, e, g in zip("xyz", expected, field, strict=True)
     ]
+
+
+@check(
+    what="A lens file of barium fluoride, R = ±50 mm, 5 mm (`GCAT SCHOTT INFRARED`, `GLAS BAF2`)",
+    source="1/f = (n − 1)(1/R1 − 1/R2 + (n − 1)d/(n R1 R2)), n by Malitson, JOSA 54, 628 (1964)",
+)
+def lens_file_of_a_crystal() -> list[Row]:
+    rows = []
+    for nm in (587.5618, 4000.0):
+        square = (1e-3 * nm) ** 2
+        terms = ((0.643356, 0.057789), (0.506762, 0.10968), (3.8261, 46.3864))
+        n = math.sqrt(1.0 + sum(b * square / (square - c * c) for b, c in terms))
+        f = 1.0 / ((n - 1.0) * (2.0 / 50.0 - (n - 1.0) * 5.0 / (n * 2500.0)))
+        text = zemax(
+            "STOP;CURV 0.02;DISZ 5;GLAS BAF2 0 0 1.5 40;DIAM 10 0",
+            "CURV -0.02;DISZ 50;DIAM 10 0",
+            "CURV 0;DISZ 0",
+            head="GCAT SCHOTT INFRARED",
+        ).replace("0.5875618", repr(1e-3 * nm))
+        with tempfile.TemporaryDirectory() as folder:
+            lens, _ = opened(Path(folder), text)
+        got = lens.design()["efl"]
+        rows.append(Row(expected=f, got=got, tolerance=1e-6, unit="mm", of=f"f, {nm:g} nm"))
+    return rows
