@@ -24,7 +24,10 @@ RAYS = 100_000
 PAGES = (
     "README.md",
     "docs/find_the_ghost.md",
+    "docs/samples/double_gauss.md",
     "docs/samples/integrating_sphere.md",
+    "docs/samples/keyboard.md",
+    "docs/samples/led_lens.md",
     "docs/samples/prism_spectrometer.md",
     "docs/samples/room.md",
 )
