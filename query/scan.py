@@ -23,7 +23,7 @@ from query.bind import MapFacts
 from query.bound import BoundNode
 from query.context import Cancelled, PathContext
 from query.evaluate import evaluate
-from query.search import Found, PathVerdicts, compare, search_portion
+from query.search import Found, PathVerdicts, search_portion
 from query.tally import Tally
 from raymap.errors import DamagedPortion
 from raymap.photometry import path_sums, ray_weights
@@ -299,7 +299,6 @@ class Scan:
             product = None
             wanted = local is None or not self.plain_only
             if self.visitor is not None and wanted and any(mask.any() for mask in found.masks):
-                compare(found.paths)
                 product = self.visitor(found)
         except DamagedPortion:
             if self.map.on_damage == "raise":

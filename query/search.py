@@ -20,7 +20,7 @@ from query.kleene import Pair
 from query.scans import look_up
 from raymap.directory import ChannelSet
 
-__all__ = ["Found", "PathVerdicts", "PortionPaths", "compare", "search_portion"]
+__all__ = ["Found", "PathVerdicts", "PortionPaths", "search_portion"]
 
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.integer]
@@ -63,26 +63,28 @@ class PortionPaths:
 
     @cached_property
     def of_ray(self) -> Ints:
-        """(n_rays,) row of each ray's path in ``base``."""
-        return self.numbers if self.local is None else self.local[self.numbers]
+        """(n_rays,) row of each ray's path in ``base``.
+
+        Whoever looks at rays one by one comes through here, so that no length and no index of a
+        merged path is used before it is known to be the portion's own.
+
+        Raises
+        ------
+        FalseFooter
+            the merged paths are not those of the portion (`query.second_try`).
+        """
+        if self.local is None:
+            return self.numbers
+        if self.is_merged:
+            self.portion.compare(self.base.paths, self.local)
+        rows: Ints = self.local[self.numbers]
+        return rows
 
     def spread(self, mask: Bools) -> Bools:
         """What holds for paths of the base, for the rays that take them."""
         if not self.portion.has_paths:
             return mask
         return look_up(mask if self.local is None else mask[self.local], self.numbers)
-
-
-def compare(paths: PortionPaths) -> None:
-    """Before rays are looked at one by one: their paths are those that the footer says, or none.
-
-    Raises
-    ------
-    FalseFooter
-        the merged paths are not those of the portion (`query.second_try`).
-    """
-    if paths.is_merged and paths.base is not None:
-        paths.portion.compare(paths.base.paths, paths.local)
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +146,6 @@ def search_portion(
     found = Found(index, paths, certain, certain, channel_sets, check)
     if all(pair.exact for pair in pairs):
         return found
-    compare(paths)
     masks = _resolve(found, verdicts.nodes, pairs)
     return Found(index, paths, certain, masks, channel_sets, check)
 

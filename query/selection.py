@@ -135,6 +135,7 @@ class Selection:
             "complete": self.complete,
             "limited": self.limited,
             "damaged": self.damaged,
+            "verified": self.map.verified,
         }
         return found | ({"reason": self.reason} if self.reason else {})
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from raymap.errors import DamagedPortion, FormatError
 from raymap.paths import MergedPaths, PathDictionary
-from raymap.pathstreams import PathColumns
+from raymap.pathstreams import CheckedPaths
 from raymap.rows import squares_by_emission
 from raymap.schema import COLOR_SCALE
 
@@ -49,7 +49,7 @@ class FalseFooter(FormatError):
 
 
 def unlike_merged(
-    merged: PathDictionary, local: NDArray[np.int32], own: PathColumns | PathDictionary
+    merged: PathDictionary, local: NDArray[np.int32], own: CheckedPaths | PathDictionary
 ) -> str:
     """In words, where a portion's paths differ from those that the footer says they are.
 

@@ -415,6 +415,11 @@ def main() -> None:
     except BrokenPipeError:
         # The reader of our output went away (head, less): nothing is wrong
         raise SystemExit(_quiet_end()) from None
+    except (MemoryError, RecursionError) as error:
+        typer.echo(
+            f"error: what is asked does not fit in memory ({type(error).__name__})", err=True
+        )
+        raise SystemExit(1) from None
     except OSError as error:
         # A full disk, a missing folder, no permission: the file's name and the system's reason
         place = f"{error.filename}: " if error.filename else ""

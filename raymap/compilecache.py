@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-__all__ = ["cache_folder", "fingerprint", "keep_compiled", "remove_old"]
+__all__ = ["cache_folder", "fingerprint", "keep_compiled", "remove_old", "user_caches"]
 
 _ROOMS = ("raymap", "tracer", "query", "viewer", "service")
 _PREFIX = "compiled-"
@@ -103,7 +103,7 @@ def cache_folder() -> Path | None:
     if os.environ.get("NUMBA_CACHE_DIR"):
         return None
     try:
-        caches = _user_caches()
+        caches = user_caches()
         if caches is None:
             return None
         folder = caches / "raymap" / (_PREFIX + fingerprint())
@@ -161,7 +161,7 @@ def remove_old(folder: Path) -> None:
             shutil.rmtree(other, ignore_errors=True)
 
 
-def _user_caches() -> Path | None:
+def user_caches() -> Path | None:
     """The user's folder for caches; None where there is no home."""
     if sys.platform == "win32":
         local = os.environ.get("LOCALAPPDATA")

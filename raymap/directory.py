@@ -199,6 +199,12 @@ class BoundingSphere(_Entry):
     center: Vector = (0.0, 0.0, 0.0)
     radius: Annotated[float, Field(gt=0)] = 1.0
 
+    @model_validator(mode="after")
+    def _check(self) -> BoundingSphere:
+        if not np.isfinite(sum(value * value for value in (*self.center, self.radius))):
+            raise ValueError("the bounding sphere has no equation: its squares are no numbers")
+        return self
+
 
 class ChannelSet(_Entry):
     """The colour channels of a run of portions, and what media and sources are in them.

@@ -62,7 +62,7 @@ class Bounds:
             raise FormatError("a path names a face that its object does not have")
 
 
-class PathColumns(NamedTuple):
+class CheckedPaths(NamedTuple):
     """Checked paths: every length fits the columns, every index the directory.
 
     Attributes
@@ -100,7 +100,7 @@ def offsets_from_counts(counts: NDArray[Any], total: int | None, what: str) -> N
     return offsets
 
 
-def check_itineraries(read: Reader, n_paths: int, bounds: Bounds) -> PathColumns:
+def check_itineraries(read: Reader, n_paths: int, bounds: Bounds) -> CheckedPaths:
     """Offsets, points and meetings of a path dictionary.
 
     Parameters
@@ -133,4 +133,4 @@ def check_itineraries(read: Reader, n_paths: int, bounds: Bounds) -> PathColumns
     n_meetings = int(columns["detector_offsets"][-1])
     columns["detector"] = bounds.check("detector", read("detector", n_meetings, np.int16))
     columns["registered"] = read("registered", n_meetings, np.bool_)
-    return PathColumns(**columns)
+    return CheckedPaths(**columns)

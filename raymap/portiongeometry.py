@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.decoding import decodes
 from raymap.errors import FormatError
 from raymap.portion import Descriptors
 from raymap.portionmeta import DESCRIPTOR_STREAMS, Encoding
@@ -18,6 +19,7 @@ __all__ = ["PortionGeometry"]
 class PortionGeometry(PortionStreams):
     """Rebuilds what was left out because the shapes of faces and detectors imply it."""
 
+    @decodes
     def descriptors(self, position: NDArray[np.float32] | None = None) -> Descriptors:
         """All meetings with detectors, in record order.
 
@@ -190,6 +192,7 @@ class PortionGeometry(PortionStreams):
     def _column_normal(self) -> NDArray[np.int16]:
         return self._normals(None)
 
+    @decodes
     def normals_at(
         self,
         records: NDArray[np.integer],

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.agreement import FALSE_RAYS, unlike_merged
+from raymap.decoding import decodes
 from raymap.errors import DamagedPortion, FormatError
 from raymap.footer import IndexEntry
 from raymap.layout import PORTION, ChunkHeader, StreamEntry
 from raymap.paths import PathDictionary
-from raymap.pathstreams import PathColumns, check_itineraries, offsets_from_counts
+from raymap.pathstreams import CheckedPaths, check_itineraries, offsets_from_counts
 from raymap.portionmeta import PortionMeta
 from raymap.schema import COLOR_SCALE, NONE
 from raymap.streams import decode_column
@@ -59,6 +60,7 @@ class PortionStreams:
     def __repr__(self) -> str:
         return f"StoredPortion(number={self.number}, n_rays={self.n_rays})"
 
+    @decodes
     def paths(self) -> PathDictionary:
         """The dictionary; of a plain portion a view with one path per ray, decoded when touched."""
         if self.has_paths:
@@ -67,6 +69,7 @@ class PortionStreams:
 
         return PlainPaths(cast("StoredPortion", self))
 
+    @decodes
     def path_numbers(self) -> NDArray[np.uint32]:
         """(n_rays,) row of `paths` that each ray took."""
         if not self.has_paths:
@@ -76,6 +79,7 @@ class PortionStreams:
             raise self._damaged("a ray's path is not in the dictionary")
         return numbers
 
+    @decodes
     def record_offsets(self) -> NDArray[np.int64]:
         """(n_rays + 1,) records of ray i are offsets[i]:offsets[i + 1]."""
         return self._record_offsets(self.path_numbers() if self.has_paths else None)
@@ -150,7 +154,7 @@ class PortionStreams:
         return self._map.report_damage(self._index, reason)
 
     @cached_property
-    def _itineraries(self) -> PathColumns:
+    def _itineraries(self) -> CheckedPaths:
         """The paths alone, checked against the directory and the header."""
         meta = self._index.meta
         try:

@@ -9,6 +9,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from raymap.address import Address, place_of
 from raymap.agreement import FalseFooter, compare_all
 from raymap.chunks import Chunk, Gap, MapFile
+from raymap.decoding import FOREIGN
 from raymap.description import (
     parse_channel_set,
     read_channel_set,
@@ -41,6 +43,7 @@ from raymap.pathstreams import Bounds
 from raymap.photometry import Photometry
 from raymap.portionmeta import PortionMeta
 from raymap.results import read_result
+from raymap.stamps import is_stamped
 from raymap.stored import StoredPortion
 
 if TYPE_CHECKING:
@@ -103,6 +106,7 @@ class RayMap:
         self._merged_lock = threading.Lock()
         self._merged: MergedPaths | None = None
         self._merged_dropped = False
+        self._verified: bool | None = None
         self._footer_chunk: Chunk | None = None
         self._footer = Footer()
         self._last_ray = -1
@@ -232,6 +236,15 @@ class RayMap:
             if number < len(self.directory.objects)
         }
 
+    @property
+    def verified(self) -> bool:
+        """Whether `raymap.verify` has passed this very file on this machine, and nothing since
+        has contradicted it. Without that, counts that come from the footer are its word alone.
+        """
+        if self._verified is None:
+            self._verified = isinstance(self.path, Path) and is_stamped(self.path)
+        return self._verified and not self.damage
+
     # -- rays --------------------------------------------------------------------------------
 
     @property
@@ -253,7 +266,7 @@ class RayMap:
                     if self.rays <= COMPARED_RAYS and len(self.portions) <= COMPARED_PORTIONS:
                         compare_all(merged, self.portions)
                     self._merged = merged
-                except FormatError as error:
+                except (FormatError, *FOREIGN) as error:
                     self._drop_merged(str(error))
             return self._merged
 
@@ -339,7 +352,7 @@ class RayMap:
                 if (head.detector, head.channel_set) != (wanted, channel_set):
                     continue
                 result = read_result(self.file, chunk, self.directory, self._channels)
-            except FormatError as error:
+            except (FormatError, *FOREIGN) as error:
                 self.note_damage(Damage(None, offset, 0, f"detector result: {error}"))
                 continue
             sums = result.sums if sums is None else sums + result.sums
@@ -394,13 +407,13 @@ class RayMap:
             if chunk.tag != DIRECTORY:
                 raise FormatError("the first chunk is no directory")
             self.directory, self._with_mesh = read_directory(self.file, chunk)
-        except FormatError as error:
+            self.bounds = Bounds.of(self.directory)
+        except (FormatError, *FOREIGN) as error:
             raise NotARayMap(
                 f"{self.path} has no sound directory ({error}): nothing in it can be read"
             ) from None
         self._directory_chunk = chunk
-        self.bounds = Bounds.of(self.directory)
-        self._merged, self._merged_dropped = None, False
+        self._merged, self._merged_dropped, self._verified = None, False, None
         self._footer_chunk = find_footer(self.file, size)
         self.torn_bytes = 0
         self.bytes = size
@@ -422,7 +435,7 @@ class RayMap:
                 raise FormatError("a portion names a channel set that the map does not have")
             if len(self._footer.portions) <= COMPARED_PORTIONS:
                 self._compare_headers()
-        except FormatError as error:
+        except (FormatError, *FOREIGN) as error:
             self._warn_of_footer(Damage(None, chunk.offset, chunk.header.size, f"footer: {error}"))
             return False
         return True
@@ -448,7 +461,7 @@ class RayMap:
                 continue
             try:
                 self._take_chunk(item)
-            except FormatError as error:
+            except (FormatError, *FOREIGN) as error:
                 self._found(Damage(None, item.offset, item.header.size, str(error)))
 
     def _take_gap(self, gap: Gap, size: int) -> None:
@@ -507,6 +520,7 @@ class RayMap:
             "bytes_per_record": self.bytes / records if records else None,
             "finished": self.finished,
             "without_rays": self.without_rays,
+            "verified": self.verified,
             "sources": [source.name for source in directory.sources],
             "objects": [item.name for item in directory.objects],
             "faces": list(directory.faces.names),

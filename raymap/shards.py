@@ -128,6 +128,11 @@ class ShardedMap(RayMap):
         return [damage for shard in self._maps for damage in shard.damage]
 
     @property
+    def verified(self) -> bool:
+        """Whether all files are."""
+        return all(shard.verified for shard in self._maps)
+
+    @property
     def bytes_read(self) -> int:
         """Bytes fetched from all files so far."""
         return sum(shard.bytes_read for shard in self._maps)

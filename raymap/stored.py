@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.decoding import decodes
 from raymap.errors import FormatError, RayNotFound
 from raymap.portion import Portion
 from raymap.portiongeometry import PortionGeometry
@@ -62,6 +63,14 @@ class StoredPortion(PortionGeometry):
         KeyError
             There is no such column.
         """
+        column = self._decoded(name)
+        if column is None:
+            raise KeyError(f"portion {self.number} has no column {name!r}")
+        return column
+
+    @decodes
+    def _decoded(self, name: str) -> NDArray[Any] | None:
+        """A column, None where there is none of that name."""
         if name in _POINT_COLUMNS:
             return self._points(name)
         method = getattr(self, f"_column_{name}", None)
@@ -69,10 +78,9 @@ class StoredPortion(PortionGeometry):
             return method()  # type: ignore[no-any-return]
         if name == "emission" and "emission" in self._streams:
             return self._stream("emission", self.n_rays, np.int64)
-        if f"x:{name}" in self._streams:
-            return self._extra(name)
-        raise KeyError(f"portion {self.number} has no column {name!r}")
+        return self._extra(name) if f"x:{name}" in self._streams else None
 
+    @decodes
     def ray_ids(self) -> NDArray[np.int64]:
         """(n_rays,) strictly increasing ray numbers."""
         if not self._index.meta.has_ids:
@@ -102,6 +110,7 @@ class StoredPortion(PortionGeometry):
                 return place
         raise RayNotFound(f"{self._map.path} has no ray {ray_id}")
 
+    @decodes
     def color_table(self) -> NDArray[np.uint16]:
         """(n_colors, n_channels) mixed colours of the portion; rows sum to COLOR_SCALE."""
         n_channels = self._map.channel_sets[self.channel_set].n_channels
@@ -118,6 +127,7 @@ class StoredPortion(PortionGeometry):
             raise self._damaged("a colour sums to more than one")
         return np.concatenate((stored, last[:, None].astype(np.uint16)), 1)
 
+    @decodes
     def read(self) -> Portion:
         """Everything."""
         ids = self.ray_ids() if self._index.meta.has_ids else None
@@ -145,6 +155,7 @@ class StoredPortion(PortionGeometry):
             extra={name: self.column(name) for name in self.column_names if name not in known},
         )
 
+    @decodes
     def segments(self) -> NDArray[np.void]:
         """(n_records,) structured array of `SEGMENT_DTYPE`: the 36-byte segment records."""
         out = np.empty(self.n_records, SEGMENT_DTYPE)

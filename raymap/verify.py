@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from dataclasses import dataclass, field
 from itertools import zip_longest
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,13 +15,15 @@ from raymap.cells import is_pinhole
 from raymap.cellsums import Sums, count_meetings
 from raymap.checks import check_portion
 from raymap.chunks import Gap
+from raymap.decoding import FOREIGN
 from raymap.description import read_channel_set, read_run
 from raymap.dictionary import PathMerger
 from raymap.directory import ChannelSet
-from raymap.errors import DamagedPortion, FormatError, InvalidPortion
+from raymap.errors import DamagedPortion, FormatError, InvalidPortion, RayMapError
 from raymap.layout import CHANNELS, DETECTOR, FILE_HEADER_SIZE, RUN
 from raymap.reader import Damage, RayMap
 from raymap.results import read_result
+from raymap.stamps import forget, stamp
 from raymap.stored import StoredPortion
 from raymap.streams import decode_bytes
 
@@ -65,8 +68,16 @@ def verify(ray_map: RayMap) -> Verification:
     """Check every byte of a map, or of all maps of which it is made; damage never raises here."""
     result = Verification(finished=ray_map.finished)
     for shard in ray_map.shards:
-        with RayMap(shard.path, on_damage="skip") as own:
-            _verify_file(own, result)
+        try:
+            with RayMap(shard.path, on_damage="skip") as own:
+                before = len(result.damage)
+                _verify_file(own, result)
+                if isinstance(own.path, Path):
+                    sound = own.finished and len(result.damage) == before
+                    (stamp if sound else forget)(own.path)
+        except (RayMapError, *FOREIGN) as error:
+            reason = f"it cannot be verified ({type(error).__name__}: {error})"
+            result.damage.append(Damage(None, 0, shard.bytes, reason))
     return result
 
 
@@ -184,6 +195,8 @@ def portion_problem(portion: StoredPortion) -> str | None:
         return error.reason or str(error)
     except (FormatError, InvalidPortion) as error:
         return str(error)
+    except FOREIGN as error:
+        return f"its values cannot be checked ({type(error).__name__}: {error})"
     return None
 
 

@@ -5,7 +5,13 @@ The right answers are those of the map before its values were changed.
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
+import sys
+import tracemalloc
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,10 +19,12 @@ import pytest
 import query
 import raymap
 import raymap.reader
-from raymap.layout import FOOTER, PORTION
+from raymap.compilecache import fingerprint
+from raymap.layout import DIRECTORY, FILE_HEADER_SIZE, FOOTER, PORTION, pack_chunk_header
+from raymap.streams import StreamSet
 from raymap.verify import verify
 from tests.fuzz.fuzz_values import Seed, put_together
-from tests.raymap.maps import write_small
+from tests.raymap.maps import small_directory, write_small
 
 _QUESTIONS = ('hit("*", reflected)', "length > 10", 'detected("sensor")', 'last(hit("*"))')
 
@@ -189,3 +197,156 @@ def test_a_damaged_footer_closes_no_map(sound, tmp_path):
     with pytest.warns(raymap.DamageWarning, match="footer"):
         assert _answers(path) == honest
     assert _answers(path, on_damage="skip") == honest
+
+
+def test_answers_say_whether_the_file_was_verified_here(sound, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "caches"))
+    path = tmp_path / "sound.raymap"
+
+    def verified():
+        with raymap.open(path) as ray_map:
+            told = query.select(ray_map, "length > 10").summary()["verified"]
+            assert told is ray_map.describe()["verified"]
+            return told
+
+    def check():
+        with raymap.open(path, on_damage="skip") as ray_map:
+            return verify(ray_map).damage
+
+    assert verified() is False
+    assert check() == []
+    assert verified() is True
+    # Another file in its place is another file, whatever its size and time say
+    content, times = path.read_bytes(), path.stat()
+    path.write_bytes(content)
+    assert verified() is False
+    assert check() == []
+    other = tmp_path / "other.raymap"
+    other.write_bytes(content[:-1] + b"\0")
+    os.utime(other, ns=(times.st_atime_ns, times.st_mtime_ns))
+    os.replace(other, path)
+    with raymap.open(path, on_damage="skip") as ray_map:
+        assert ray_map.verified is False
+    # What verify finds false loses its stamp
+    _lie(sound, "rays")
+    path.write_bytes(put_together(sound.parts))
+    assert check()
+    with raymap.open(path, on_damage="skip") as ray_map:
+        assert ray_map.verified is False
+
+
+def test_a_scene_without_an_equation_is_refused(tmp_path):
+    """Squares of the radius that no float64 holds once ended in another program's error."""
+    write_small(tmp_path / "sound.raymap", n_portions=1, n_rays=5)
+    seed = Seed("sphere", tmp_path / "sound.raymap")
+    [text] = [s for s in seed.parts[0].streams if s.name == "json"]
+    data = json.loads(text.values.tobytes())
+    data["bounding_sphere"]["radius"] = 1e308
+    text.values = np.frombuffer(json.dumps(data).encode(), np.uint8)
+    path = tmp_path / "false.raymap"
+    path.write_bytes(put_together(seed.parts))
+    with pytest.raises(raymap.NotARayMap, match="bounding_sphere"):
+        raymap.open(path)
+
+
+def _forged_text(tmp_path, text):
+    """A map whose directory is another text, well packed."""
+    write_small(tmp_path / "sound.raymap", n_portions=1, n_rays=5)
+    seed = Seed("text", tmp_path / "sound.raymap")
+    data = bytearray(put_together(seed.parts[:1]))
+    streams = StreamSet()
+    streams.add_bytes("json", text)
+    chunk = pack_chunk_header(DIRECTORY, b"", streams.entries) + b"".join(streams.buffers)
+    path = tmp_path / "false.raymap"
+    path.write_bytes(data[:FILE_HEADER_SIZE] + chunk)
+    return path
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        b'{"sources": [{"name": "a", "parameters": {"x": [' + b"[]," * 40_000_000 + b"[]]}}]}",
+        b'{"sources": [{"name": "a"}], "objects": [{"name": "o", "faces": ['
+        + b"1," * 1_500_000
+        + b"1]}]}",
+        json.dumps(
+            {
+                "sources": [{"name": "a"}],
+                "objects": [
+                    {
+                        "name": "o",
+                        "faces": [
+                            {"name": "f", "primitive_count": 2, "quadrics": [None, None]},
+                            {"name": "g", "first_primitive": 2, "primitive_count": 2**31 - 3},
+                        ],
+                    }
+                ],
+            }
+        ).encode(),
+    ],
+    ids=["long text", "many complaints", "table of primitives"],
+)
+def test_a_small_file_costs_little(tmp_path, text):
+    """120 MB of lists in 15 kB, a million complaints, and 2^31 primitives are refused at once."""
+    path = _forged_text(tmp_path, text)
+    del text
+    tracemalloc.start()
+    with pytest.raises(raymap.NotARayMap) as refused:
+        raymap.open(path)
+    assert tracemalloc.get_traced_memory()[1] < 64 * 2**20
+    tracemalloc.stop()
+    assert "\n" not in str(refused.value)
+    assert len(str(refused.value)) < 500
+
+
+def test_the_writer_refuses_what_the_reader_would(tmp_path):
+    faces = (
+        raymap.Face(name="f", primitive_count=2, quadrics=(None, None)),
+        raymap.Face(name="g", first_primitive=2, primitive_count=2**31 - 3),
+    )
+    directory = small_directory(objects=(raymap.SceneObject(name="o", faces=faces),))
+    with pytest.raises(raymap.LimitExceeded, match="a directory of"):
+        raymap.RayMapWriter.create(tmp_path / "a.raymap", directory)
+    # Without quadrics of single primitives there is no table, and no limit to it
+    single = raymap.Face(name="g", primitive_count=2**31 - 1)
+    directory = small_directory(objects=(raymap.SceneObject(name="o", faces=(single,)),))
+    raymap.RayMapWriter.create(tmp_path / "b.raymap", directory).finish()
+    with raymap.open(tmp_path / "b.raymap") as ray_map:
+        assert ray_map.directory.faces.primitive_count.tolist() == [2**31 - 1]
+
+
+def test_values_that_nobody_foresaw_are_damage_of_the_portion(tmp_path, monkeypatch):
+    write_small(tmp_path / "a.raymap", n_portions=2, n_rays=5)
+    for error in (IndexError, MemoryError, OverflowError, KeyError, RecursionError):
+        with raymap.open(tmp_path / "a.raymap", on_damage="skip") as ray_map:
+            portion = ray_map.portions[0]
+
+            def fail(error=error):
+                raise error("deep inside")
+
+            monkeypatch.setattr(portion, "_column_position", fail)
+            with pytest.raises(raymap.DamagedPortion, match=f"{error.__name__}: .*deep inside"):
+                portion.column("position")
+            assert [damage.portion for damage in ray_map.damage] == [0]
+
+
+def test_changed_values_with_sound_checksums_crash_nothing(request):
+    """The short run of ``tests/fuzz/fuzz_values.py``, with bounds checks in all compiled loops."""
+    folder = request.config.cache.mkdir(f"bounds-{fingerprint()[:12]}")
+    root = Path(__file__).resolve().parents[2]
+    script = root / "tests" / "fuzz" / "fuzz_values.py"
+    environment = {
+        **os.environ,
+        "NUMBA_BOUNDSCHECK": "1",
+        "NUMBA_CACHE_DIR": str(folder),
+        "PYTHONPATH": str(root),
+    }
+    done = subprocess.run(
+        [sys.executable, str(script), "3000", "--cases", "60", "--first", "1000"],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]
+    assert "'cases': 60" in done.stdout

@@ -1,0 +1,73 @@
+"""Compiled code gets decoded paths and rays in checked form only: nothing else can make that form.
+
+The forms are `CheckedPaths` (every length and index of a dictionary checked against columns and
+directory), `PathDictionary` (the same with sums), and `RayContext` (rays whose paths were compared
+with the portion's own).
+"""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+_ROOT = Path(__file__).resolve().parents[1]
+_ROOMS = ("raymap", "query", "tracer", "viewer", "service")
+_MADE_IN = {
+    "CheckedPaths": {"raymap/pathstreams.py": ["check_itineraries"]},
+    "PathDictionary": {
+        # From checked columns
+        "raymap/portionstreams.py": ["_dictionary"],
+        "raymap/footer.py": ["read_merged"],
+        # From what a tracer handed in, and from dictionaries that were checked
+        "raymap/dictionary.py": ["with_sums"],
+        # The first path of a checked one, to load compiled loops with
+        "query/warm.py": ["_first_path"],
+    },
+    "RayContext": {"query/search.py": ["context"]},
+    "MergedPaths": {"raymap/footer.py": ["read_merged"], "raymap/shards.py": ["merged"]},
+}
+
+
+def _makers(name):
+    """File -> functions in which a type is constructed."""
+    found = {}
+    for room in _ROOMS:
+        for path in sorted((_ROOT / room).rglob("*.py")):
+            tree = ast.parse(path.read_text(encoding="utf-8"))
+            for function in ast.walk(tree):
+                if not isinstance(function, ast.FunctionDef):
+                    continue
+                for node in ast.walk(function):
+                    if isinstance(node, ast.Call) and getattr(node.func, "id", "") == name:
+                        place = str(path.relative_to(_ROOT))
+                        found.setdefault(place, []).append(function.name)
+    return found
+
+
+def test_checked_forms_are_made_by_their_validators_alone():
+    for name, places in _MADE_IN.items():
+        assert _makers(name) == places, name
+
+
+def test_rays_reach_contexts_through_one_comparison():
+    """The rows of rays among merged paths are asked of one property, which compares first."""
+    source = (_ROOT / "query" / "search.py").read_text(encoding="utf-8")
+    tree = ast.parse(source)
+    [portion_paths] = [
+        node
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ClassDef) and node.name == "PortionPaths"
+    ]
+    [of_ray] = [
+        node
+        for node in portion_paths.body
+        if isinstance(node, ast.FunctionDef) and node.name == "of_ray"
+    ]
+    calls = [ast.unparse(node.func) for node in ast.walk(of_ray) if isinstance(node, ast.Call)]
+    assert calls == ["self.portion.compare"]
+    # Nobody else indexes a portion's rows among the merged paths by its rays
+    for room in ("query", "viewer"):
+        for path in sorted((_ROOT / room).rglob("*.py")):
+            text = path.read_text(encoding="utf-8")
+            if path.name != "search.py":
+                assert "local[self.numbers]" not in text, path
