@@ -72,7 +72,10 @@ class PortionPaths:
         ------
         FalseFooter
             the merged paths are not those of the portion (`query.second_try`).
+        DamagedPortion
+            the paths do not account for the portion's records and meetings.
         """
+        self.portion.check_rows(self.numbers)
         if self.local is None:
             return self.numbers
         if self.is_merged:

@@ -56,6 +56,7 @@ class PortionStreams:
         self.offset = index.offset
         self.false_rays = False
         self._compared = False
+        self._rows_fit = False
 
     def __repr__(self) -> str:
         return f"StoredPortion(number={self.number}, n_rays={self.n_rays})"
@@ -200,6 +201,32 @@ class PortionStreams:
             if self._map.on_damage == "raise":
                 raise error
         return counted
+
+    @decodes
+    def check_rows(self, numbers: NDArray[np.uint32]) -> None:
+        """Make sure that the paths of the rays account for every record and meeting, once.
+
+        Parameters
+        ----------
+        numbers : (n_rays,) path of each ray
+
+        Raises
+        ------
+        DamagedPortion
+            They do not, so that no ray can be found among the records.
+        """
+        if self._rows_fit or not self.has_paths:
+            return
+        paths = self._itineraries
+        rays = np.bincount(numbers, minlength=len(paths.source))
+        for starts, n, what in (
+            (paths.offsets, self.n_records, "records"),
+            (paths.detector_offsets[paths.offsets], self.n_descriptors, "descriptors"),
+        ):
+            total = int(rays @ np.diff(starts))
+            if total != n:
+                raise self._damaged(f"{what} of rays add up to {total}, not {n}")
+        self._rows_fit = True
 
     def compare(self, merged: PathDictionary, local: NDArray[np.int32]) -> None:
         """Make sure that the paths are those which the footer says they are, once.

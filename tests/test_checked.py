@@ -64,7 +64,7 @@ def test_rays_reach_contexts_through_one_comparison():
         if isinstance(node, ast.FunctionDef) and node.name == "of_ray"
     ]
     calls = [ast.unparse(node.func) for node in ast.walk(of_ray) if isinstance(node, ast.Call)]
-    assert calls == ["self.portion.compare"]
+    assert calls == ["self.portion.check_rows", "self.portion.compare"]
     # Nobody else indexes a portion's rows among the merged paths by its rays
     for room in ("query", "viewer"):
         for path in sorted((_ROOT / room).rglob("*.py")):

@@ -435,7 +435,7 @@ def one_case(seed: Seed, dice: random.Random, path: Path) -> int:
         return n
     one = changes[0]
     told_twice = one.stream.split(".0")[0] in _STATED_TWICE or one.stream.startswith("path.sum")
-    if told_twice and one.row >= 0:
+    if told_twice and one.row >= 0 and not _nearly(parts, seed.parts, one):
         assert not sound, f"verify finds {one} sound"
     plain = not any(stream.name == "path_number" for stream in parts[one.part].streams)
     if one.tag == PORTION and one.stream in _FREE and one.row >= 0 and sound:
@@ -446,6 +446,14 @@ def one_case(seed: Seed, dice: random.Random, path: Path) -> int:
         if plain or one.stream.startswith("x:"):
             assert found.tobytes() == stream.values.tobytes(), one
     return 1
+
+
+def _nearly(a: list[Part], b: list[Part], one: Change) -> bool:
+    """Whether sums were changed by no more than the order of their terms may change them."""
+    [x], [y] = ([s for s in p[one.part].streams if s.name == one.stream] for p in (a, b))
+    if x.values.dtype.kind != "f":
+        return False
+    return bool(np.allclose(x.values, y.values, rtol=1e-6, atol=1e-6))
 
 
 def _equal(a: list[Part], b: list[Part]) -> bool:
