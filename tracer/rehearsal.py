@@ -58,7 +58,7 @@ def order_faces(compilation: Compilation) -> Compilation:
 def _faces_met(compilation: Compilation, portion: Portion) -> NDArray[np.int64]:
     """How many rays of each departure met each analytic face next, (departures, faces)."""
     arrays = compilation.arrays
-    n_faces, n_departures = len(arrays.face_i), len(arrays.first) - 1
+    n_faces, n_departures = len(arrays.face_i), len(arrays.list_of)
     face = _faces_of(arrays.face_i, portion)
     # A segment starts at every record but the last one of a ray
     ends = np.cumsum(portion.records_per_ray)

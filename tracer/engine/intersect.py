@@ -2,8 +2,9 @@
 
 Rays are put in bundles that start from one place (a *departure*: a face and a sense along its main
 axis, a source, a medium). For each departure the scene lists the faces that can be met, by a lower
-bound of their distance. A bundle goes down its list and stops once every ray has met something
-nearer than all that follows; stragglers are packed together so that they do not hold up the rest.
+bound of their distance; neighbours may share a list. A bundle goes down
+its list and stops once every ray has met something nearer than all that follows; stragglers are
+packed together so that they do not hold up the rest.
 """
 
 from __future__ import annotations
@@ -26,16 +27,16 @@ _SLOT = 3
 
 
 @inner_kernel
-def sort_by_departure(live_i: I64, order: I64, n: int, bins: I64) -> None:
-    """Order the slots of ``n`` rays by departure; ``bins[k]`` becomes the end of departure k."""
+def sort_by_departure(live_i: I64, list_of: I64, order: I64, n: int, bins: I64) -> None:
+    """Order the slots of ``n`` rays by list; ``bins[k]`` becomes the end of list k."""
     for k in range(len(bins)):
         bins[k] = 0
     for i in range(n):
-        bins[unsigned(live_i[KEY, i] + 1)] += 1
+        bins[unsigned(list_of[unsigned(live_i[KEY, i])] + 1)] += 1
     for k in range(1, len(bins)):
         bins[k] += bins[k - 1]
     for i in range(n):
-        key = unsigned(live_i[KEY, i])
+        key = unsigned(list_of[unsigned(live_i[KEY, i])])
         place = bins[key]
         order[unsigned(place)] = i
         bins[key] = place + 1
@@ -51,10 +52,10 @@ def nearest_hits(scene: Faces, b: Buffers, n: int, refract: bool) -> None:
     face_i, face_f, pool = scene.face_i, scene.face_f, scene.pool
     first, face, distance = scene.first, scene.face, scene.distance
     settle, settles, n_faces = scene.settle, scene.settles, len(scene.face_i)
-    sort_by_departure(live_i, b.order, n, bins)
+    sort_by_departure(live_i, scene.list_of, b.order, n, bins)
     start = number(0)
-    for key in range(len(bins) - 1):
-        stop = bins[key]
+    for listed in range(len(bins) - 1):
+        stop = bins[listed]
         while start < stop:
             m = min(BUNDLE, stop - start)
             _gather(live_f, live_i, b.order, start, m, bundle_f, bundle_i)
@@ -62,7 +63,7 @@ def nearest_hits(scene: Faces, b: Buffers, n: int, refract: bool) -> None:
             # Go down the list of candidates
             row = np.int64(0)
             reached = 0.0
-            for c in range(first[key], first[key + 1]):
+            for c in range(first[listed], first[listed + 1]):
                 bound = distance[c]
                 if bound > reached:
                     reached = bound
@@ -76,11 +77,11 @@ def nearest_hits(scene: Faces, b: Buffers, n: int, refract: bool) -> None:
                 row = 1 - row
                 if settles[c] != 0:
                     if refract and scene.plain[f] != 0:
-                        m = follow_settled(scene, b, row, key, c - first[key], f, m)
+                        m = follow_settled(scene, b, row, listed, c - first[listed], f, m)
                     else:
                         m = _keep_unsettled(
-                            live_f, live_i, bundle_f, bundle_i, row, settle, key, c - first[key],
-                            n_faces, m,
+                            live_f, live_i, bundle_f, bundle_i, row, settle, listed,
+                            c - first[listed], n_faces, m,
                         )  # fmt: skip
                     if m == 0:
                         break
@@ -145,7 +146,7 @@ def _keep_beyond(
 
 @inner_kernel
 def _keep_unsettled(
-    live_f: F64, live_i: I64, bundle_f: F64, bundle_i: I64, row: Integer, settle: I32, key: int,
+    live_f: F64, live_i: I64, bundle_f: F64, bundle_i: I64, row: Integer, settle: I32, listed: int,
     place: int, n_faces: int, m: int,
 ) -> int:  # fmt: skip
     """Hand back the rays whose hit is settled at a place of the list, pack the others."""
@@ -153,7 +154,7 @@ def _keep_unsettled(
     for j in range(m):
         code = bundle_i[1 + row, j]
         i = unsigned(bundle_i[_SLOT, j])
-        if code >= 0 and settle[key, unsigned(code)] <= place:
+        if code >= 0 and settle[listed, unsigned(code)] <= place:
             live_f[T, i] = bundle_f[DISTANCE + row, j]
             live_i[HIT, i] = code if code < n_faces else code - n_faces
         else:

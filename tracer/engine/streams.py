@@ -96,7 +96,7 @@ _PACKED = 1  # normals for the record, while the faces met are not needed
 
 @inner_kernel
 def follow_settled(
-    scene: Faces, b: Buffers, row: Integer, key: int, place: int, face: int, m: int
+    scene: Faces, b: Buffers, row: Integer, listed: int, place: int, face: int, m: int
 ) -> int:
     """Deal with rays of a bundle whose hit is settled; pack the others and return how many.
 
@@ -115,7 +115,7 @@ def follow_settled(
     for j in range(m):
         hit = bundle_i[BUNDLE_CODE + row, j]
         i = unsigned(bundle_i[BUNDLE_SLOT, j])
-        if hit < 0 or settle[key, unsigned(hit)] > place:
+        if hit < 0 or settle[listed, unsigned(hit)] > place:
             to = unsigned(kept)
             bundle_i[BUNDLE_SLOT, to] = i
             bundle_i[BUNDLE_OWN, to] = bundle_i[BUNDLE_OWN, j]
@@ -184,12 +184,13 @@ def _follow(
         nest, medium = beyond, other
         key = 2 * face + along
         row = number(0)
-        target = scene.target[key]
+        listed = scene.list_of[key]
+        target = scene.target[listed]
         if size < _FEW or target < 0:
             break
         # Find the rays that meet the face which most are bound for
         _start(f, g, face, size)
-        first = scene.first[key]
+        first = scene.first[listed]
         for c in range(first, first + target + 1):
             face = scene.face[c]
             nearest_on_face(
@@ -197,8 +198,8 @@ def _follow(
             )
             row = 1 - row
         size = _keep_met(
-            scene.settle, f, g, live_f, live_i, ray_i, face, key, target, nest, medium, legs, row,
-            size,
+            scene.settle, f, g, live_f, live_i, ray_i, face, key, listed, target, nest, medium,
+            legs, row, size,
         )  # fmt: skip
         if size < _FEW:
             break
@@ -339,11 +340,11 @@ def _start(f: F64, g: I64, face: int, size: int) -> None:
 @inner_kernel
 def _keep_met(
     settle: I32, f: F64, g: I64, live_f: F64, live_i: I64, ray_i: I32, face: int, key: int,
-    place: int, nest: int, medium: int, legs: int, row: Integer, size: int,
+    listed: int, place: int, nest: int, medium: int, legs: int, row: Integer, size: int,
 ) -> int:  # fmt: skip
     """Keep the rays whose hit on ``face`` is settled, put back the others."""
     leaving = face + settle.shape[1] // 2
-    near, far = settle[key, face] <= place, settle[key, leaving] <= place
+    near, far = settle[listed, face] <= place, settle[listed, leaving] <= place
     for j in range(size - 1, -1, -1):
         hit = g[BUNDLE_CODE + row, j]
         if not ((hit == face and near) or (hit == leaving and far)):

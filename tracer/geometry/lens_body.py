@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from raymap.events import Event
 from tracer.geometry.body import Body, FacePlan
-from tracer.geometry.shapes import Annulus, Conic, Cylinder, Shape, SphereCap, sag_at
+from tracer.geometry.shapes import Annulus, Conic, Cylinder, Shape, SphereCap, sag_at, sags_at
 from tracer.scene.fields import Finite, Length, Node, Positive
 
 __all__ = ["LensBody", "LensFace"]
@@ -50,6 +50,16 @@ class LensFace(Node):
     def sag(self, r: float) -> float:
         """Height above the vertex at distance ``r`` from the axis; nan beyond the surface."""
         return sag_at(r, self.curvature, self.conic, self.aspheric)
+
+    def sags(self, r: Array) -> Array:
+        """As `sag`, at many distances."""
+        return sags_at(r, self.curvature, self.conic, self.aspheric)
+
+    def largest_sag(self) -> float:
+        """What no height of the face above or below its vertex exceeds."""
+        r = self.semi_diameter or 0.0
+        powers = sum(abs(a) * r ** (4 + 2 * k) for k, a in enumerate(self.aspheric))
+        return abs(sag_at(r, self.curvature, self.conic)) + powers
 
     def _conic(self, vertex: Array, axis: Array, side: float, inner: float = 0.0) -> Conic:
         return Conic(
@@ -137,6 +147,12 @@ class LensBody(Body):
         """Height of the back, or of its land, at distance ``r`` from the axis."""
         return self.thickness + self.back.sag(min(r, self.back.semi_diameter or 0.0))
 
+    def surely_between(self) -> tuple[float, float]:
+        """Heights along the axis between which the lens lies, with the vertices of its faces."""
+        faces = ((0.0, self.front), (self.thickness, self.back))
+        bulges = [(vertex, face.largest_sag()) for vertex, face in faces]
+        return min(h - bulge for h, bulge in bulges), max(h + bulge for h, bulge in bulges)
+
     def problems(self) -> list[str]:
         if self.back.cemented is not None:
             return [
@@ -149,13 +165,13 @@ class LensBody(Body):
             return [f"hole: its radius {inner:g} must be smaller than that of both faces, {h:g}"]
         if inner and (any(self.front.aspheric) or any(self.back.aspheric)):
             return ["hole: a face with aspheric coefficients cannot have one; drop either"]
-        for k in range(65):
-            r = inner + (h - inner) * k / 64.0
-            if self.thickness + self.back.sag(r) - self.front.sag(r) < -1e-9:
-                return [
-                    f"thickness: front and back overlap at {r:.4g} from the axis; make the lens "
-                    "thicker, or the faces flatter or smaller"
-                ]
+        radii: Array = inner + (h - inner) * np.arange(65, dtype=float) / 64.0
+        thick = self.thickness + self.back.sags(radii) - self.front.sags(radii)
+        for r in radii[thick < -1e-9][:1].tolist():
+            return [
+                f"thickness: front and back overlap at {r:.4g} from the axis; make the lens "
+                "thicker, or the faces flatter or smaller"
+            ]
         low, high = self.edge_heights()
         if high < low - 1e-9:
             return [

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -28,6 +29,7 @@ from tracer.geometry.kinds import (
 )
 
 __all__ = [
+    "SEGMENTS",
     "Annulus",
     "Bounds",
     "Conic",
@@ -39,13 +41,16 @@ __all__ = [
     "SphereCap",
     "frame_of",
     "sag_at",
+    "sags_at",
 ]
 
 Array = NDArray[np.float64]
 Bounds = tuple[Array, Array]
 Mesh = tuple[Array, NDArray[np.int32]]
 
-_SEGMENTS = 48
+SEGMENTS = 48
+"""Corners that a circle is drawn with."""
+
 _RINGS = 8
 _TURN_DEG = 5.0
 
@@ -65,12 +70,18 @@ class Shape(Protocol):
     def quadric(self) -> Quadric | None:
         """Implicit form with outward gradient, None where there is none of second order."""
 
-    def mesh(self) -> Mesh:
-        """Vertices (n, 3) and triangles (m, 3) to draw."""
+    def mesh(self, segments: int = SEGMENTS) -> Mesh:
+        """Vertices (n, 3) and triangles (m, 3) to draw, circles with so many corners."""
 
 
 def unit(vector: Array) -> Array:
     return vector / np.linalg.norm(vector)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Vector product of two vectors; the general one of NumPy takes ten times as long."""
+    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
 def frame_of(axis: Array) -> Array:
@@ -78,11 +89,11 @@ def frame_of(axis: Array) -> Array:
     w = unit(np.asarray(axis, float))
     helper = np.array([1.0, 0.0, 0.0]) if abs(w[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
     u = unit(helper - (helper @ w) * w)
-    return np.array([u, np.cross(w, u), w])
+    return np.array([u, _cross(w, u), w])
 
 
 def _padded(low: Array, high: Array) -> Bounds:
-    margin = 1e-9 * (1.0 + np.max(np.abs(np.concatenate([low, high]))))
+    margin = 1e-9 * (1.0 + max(float(high.max()), -float(low.min())))
     return low - margin, high + margin
 
 
@@ -95,7 +106,11 @@ def _ring_bounds(centers: list[Array], radii: list[float], axis: Array) -> Bound
 
 
 def _revolve(
-    origin: Array, axis: Array, profile: list[tuple[float, float]], side: float = 1.0
+    origin: Array,
+    axis: Array,
+    profile: list[tuple[float, float]],
+    segments: int,
+    side: float = 1.0,
 ) -> Mesh:
     """Mesh of a profile of (radius, height) turned about an axis.
 
@@ -103,21 +118,31 @@ def _revolve(
     the other way for ``side`` -1, so that cavities are bounded from within.
     """
     u, v, w = frame_of(axis)
-    angles = np.linspace(0.0, 2.0 * math.pi, _SEGMENTS, endpoint=False)
+    angles = np.linspace(0.0, 2.0 * math.pi, segments, endpoint=False)
     circle = np.cos(angles)[:, None] * u + np.sin(angles)[:, None] * v
     rings = [origin + h * w + r * circle for r, h in profile]
-    triangles = []
-    for ring in range(len(profile) - 1):
-        for k in range(_SEGMENTS):
-            a = ring * _SEGMENTS + k
-            b = ring * _SEGMENTS + (k + 1) % _SEGMENTS
-            triangles += [(a, b, b + _SEGMENTS), (a, b + _SEGMENTS, a + _SEGMENTS)]
-    corners = np.array(triangles, np.int32)
+    corners = _strips(len(profile) - 1, segments)
     return np.concatenate(rings), corners if side > 0.0 else corners[:, ::-1]
 
 
+@lru_cache(maxsize=128)
+def _strips(strips: int, segments: int) -> NDArray[np.int32]:
+    """Triangles between rings of equally many corners."""
+    k = np.arange(segments)
+    a, b = k, (k + 1) % segments
+    pairs = np.stack([a, b, b + segments, a, b + segments, a + segments], axis=1).reshape(-1, 3)
+    shifts = segments * np.arange(strips)
+    return np.asarray((pairs + shifts[:, None, None]).reshape(-1, 3), np.int32)
+
+
+def _rings(segments: int) -> int:
+    """Rings that go with so many corners of a circle."""
+    return max(2, _RINGS * segments // SEGMENTS)
+
+
 def _solve_axis(direction: Array) -> int:
-    return int(np.argmax(np.abs(direction)))
+    x, y, z = (abs(c) for c in direction.tolist())
+    return 0 if x >= max(y, z) else 1 if y >= z else 2
 
 
 def _quadric(
@@ -139,7 +164,10 @@ def _quadric(
 
 
 def _plane_quadric(origin: Array, normal: Array) -> Quadric:
-    return _quadric(np.zeros((3, 3)), normal, 0.0, origin, _solve_axis(normal))
+    return Quadric(
+        coefficients=(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, *normal.tolist(), -float(normal @ origin)),
+        solve_axis=_solve_axis(normal),  # type: ignore[arg-type]
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,8 +193,8 @@ class Annulus:
     def quadric(self) -> Quadric | None:
         return _plane_quadric(self.origin, self.normal)
 
-    def mesh(self) -> Mesh:
-        return _revolve(self.origin, self.normal, [(self.inner, 0.0), (self.outer, 0.0)])
+    def mesh(self, segments: int = SEGMENTS) -> Mesh:
+        return _revolve(self.origin, self.normal, [(self.inner, 0.0), (self.outer, 0.0)], segments)
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,9 +207,9 @@ class Rectangle:
     size: tuple[float, float]
     kind: int = RECTANGLE
 
-    @property
+    @cached_property
     def normal(self) -> Array:
-        return np.cross(self.u, self.v)
+        return _cross(self.u, self.v)
 
     def row(self) -> Array:
         s = np.zeros(ROW)
@@ -190,6 +218,10 @@ class Rectangle:
         return s
 
     def corners(self) -> Array:
+        return self._corners
+
+    @cached_property
+    def _corners(self) -> Array:
         u, v = self.u * self.size[0] / 2.0, self.v * self.size[1] / 2.0
         return np.asarray(self.origin + np.array([-u - v, u - v, u + v, v - u]))
 
@@ -200,7 +232,7 @@ class Rectangle:
     def quadric(self) -> Quadric | None:
         return _plane_quadric(self.origin, self.normal)
 
-    def mesh(self) -> Mesh:
+    def mesh(self, segments: int = SEGMENTS) -> Mesh:
         return self.corners(), np.array([(0, 1, 2), (0, 2, 3)], np.int32)
 
 
@@ -211,7 +243,7 @@ class Polygon:
     vertices: Array
     kind: int = POLYGON
 
-    @property
+    @cached_property
     def normal(self) -> Array:
         v = self.vertices
         return unit(np.sum(np.cross(v - v[0], np.roll(v, -1, axis=0) - v[0]), axis=0))
@@ -235,7 +267,7 @@ class Polygon:
     def quadric(self) -> Quadric | None:
         return _plane_quadric(self.vertices[0], self.normal)
 
-    def mesh(self) -> Mesh:
+    def mesh(self, segments: int = SEGMENTS) -> Mesh:
         fan = [(0, k, k + 1) for k in range(1, len(self.vertices) - 1)]
         return self.vertices, np.array(fan, np.int32)
 
@@ -281,11 +313,11 @@ class SphereCap:
         matrix = self.side / (2.0 * self.radius) * np.eye(3)
         return _quadric(matrix, -self.side * self.axis, 0.0, self.vertex, _solve_axis(self.axis))
 
-    def mesh(self) -> Mesh:
+    def mesh(self, segments: int = SEGMENTS) -> Mesh:
         stop = math.acos(max(-1.0, 1.0 - self.sag / self.radius))
-        angles = np.linspace(0.0, stop, _RINGS + 1)
+        angles = np.linspace(0.0, stop, _rings(segments) + 1)
         profile = [(self.radius * math.sin(a), self.radius * (1.0 - math.cos(a))) for a in angles]
-        return _revolve(self.vertex, self.axis, profile, self.side)
+        return _revolve(self.vertex, self.axis, profile, segments, self.side)
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,9 +346,9 @@ class Cylinder:
         matrix = self.side * (np.eye(3) - np.outer(self.axis, self.axis)) / (2.0 * self.radius)
         return _quadric(matrix, np.zeros(3), -self.side * self.radius / 2.0, self.origin, None)
 
-    def mesh(self) -> Mesh:
+    def mesh(self, segments: int = SEGMENTS) -> Mesh:
         profile = [(self.radius, self.low), (self.radius, self.high)]
-        return _revolve(self.origin, self.axis, profile, self.side)
+        return _revolve(self.origin, self.axis, profile, segments, self.side)
 
 
 @dataclass(frozen=True, eq=False)
@@ -349,12 +381,12 @@ class Frustum:
         vector = -2.0 * scale * self.radius * self.slope * self.axis
         return _quadric(matrix, vector, -scale * self.radius**2, self.origin, None)
 
-    def mesh(self) -> Mesh:
+    def mesh(self, segments: int = SEGMENTS) -> Mesh:
         profile = [
             (self.radius + self.slope * self.low, self.low),
             (self.radius + self.slope * self.high, self.high),
         ]
-        return _revolve(self.origin, self.axis, profile, self.side)
+        return _revolve(self.origin, self.axis, profile, segments, self.side)
 
 
 def sag_at(r: float, curvature: float, conic: float, aspheric: Sequence[float] = ()) -> float:
@@ -364,6 +396,16 @@ def sag_at(r: float, curvature: float, conic: float, aspheric: Sequence[float] =
         return math.nan
     powers = sum(a * r ** (4 + 2 * k) for k, a in enumerate(aspheric)) if aspheric else 0.0
     return curvature * r * r / (1.0 + math.sqrt(inner)) + powers
+
+
+def sags_at(r: Array, curvature: float, conic: float, aspheric: Sequence[float] = ()) -> Array:
+    """As `sag_at`, at many radii."""
+    inner = 1.0 - (1.0 + conic) * (curvature * r) ** 2
+    root = np.sqrt(np.where(inner < 0.0, np.nan, inner))
+    found = curvature * r * r / (1.0 + root)
+    for k, a in enumerate(aspheric):
+        found = found + a * r ** (4 + 2 * k)
+    return np.asarray(found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -402,12 +444,11 @@ class Conic:
         return sag_at(r, self.curvature, self.conic, self.aspheric)
 
     def bounds(self) -> Bounds:
-        sags = [self.sag(self.semi_diameter * k / 64.0) for k in range(65)]
-        margin = 1e-2 * (max(sags) - min(sags)) if any(self.aspheric) else 0.0
-        ends = [
-            self.vertex + (min(sags) - margin) * self.axis,
-            self.vertex + (max(sags) + margin) * self.axis,
-        ]
+        radii: Array = self.semi_diameter * np.arange(65, dtype=float) / 64.0
+        sags = sags_at(radii, self.curvature, self.conic, self.aspheric)
+        low, high = float(sags.min()), float(sags.max())
+        margin = 1e-2 * (high - low) if any(self.aspheric) else 0.0
+        ends = [self.vertex + (low - margin) * self.axis, self.vertex + (high + margin) * self.axis]
         return _ring_bounds(ends, [self.semi_diameter, self.semi_diameter], self.axis)
 
     def quadric(self) -> Quadric | None:
@@ -418,12 +459,11 @@ class Conic:
             self.side * matrix, -self.side * self.axis, 0.0, self.vertex, _solve_axis(self.axis)
         )
 
-    def mesh(self) -> Mesh:
-        radii = self._rings()
-        profile = [(float(r), self.sag(float(r))) for r in radii]
-        return _revolve(self.vertex, self.axis, profile, self.side)
+    def mesh(self, segments: int = SEGMENTS) -> Mesh:
+        profile = [(float(r), self.sag(float(r))) for r in self._radii(_rings(segments))]
+        return _revolve(self.vertex, self.axis, profile, segments, self.side)
 
-    def _rings(self) -> Array:
+    def _radii(self, least: int) -> Array:
         """Radii of the rings to draw: closer where the profile turns, more if it turns a lot."""
         r = np.linspace(self.inner, self.semi_diameter, 513)
         steps = np.diff(r), np.diff([self.sag(float(x)) for x in r])
@@ -432,5 +472,5 @@ class Conic:
         turns[-1] = turns[-2]
         place = np.cumsum(length / length.sum() + turns / max(float(turns.sum()), 1e-9))
         place = np.concatenate(([0.0], place))
-        count = min(max(_RINGS, math.ceil(math.degrees(float(turns.sum())) / _TURN_DEG)), 64)
+        count = min(max(least, math.ceil(math.degrees(float(turns.sum())) / _TURN_DEG)), 64)
         return np.asarray(np.interp(np.linspace(0.0, place[-1], count + 1), place, r))

@@ -137,6 +137,7 @@ class Faces(NamedTuple):
     medium_i: I64
     medium_f: F64
     body_i: I64
+    list_of: I64
     first: I64
     face: I64
     distance: F64
@@ -154,9 +155,9 @@ class CompiledScene(NamedTuple):
         where all faces are flat rings, rectangles, spheres or cylinders
     surface_i, surface_f, medium_i, medium_f, body_i, source_i, source_f, detector_i, detector_f
     pattern : deals ray numbers to sources
-    first, face, distance, settle, settles : candidate lists (`tracer.scene.candidates`)
+    list_of, first, face, distance, settle, settles : candidate lists (`tracer.scene.candidates`)
     plain, target : faces at which streams of rays are refracted, and the place of the face for
-        which those of a departure are bound, -1 none (`tracer.engine.streams`)
+        which those of a list are bound, -1 none (`tracer.engine.streams`)
     tables : flat pool of all sampled functions; None where no medium absorbs or scatters and all
         surfaces absorb, are bare or of constant reflectance, or Lambertian
 
@@ -183,6 +184,7 @@ class CompiledScene(NamedTuple):
     detector_i: I64
     detector_f: F64
     pattern: I64
+    list_of: I64
     first: I64
     face: I64
     distance: F64

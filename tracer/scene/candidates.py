@@ -8,6 +8,9 @@ have met something nearer than the rest of it.
 In scenes of few faces a list also says which hits are *settled* early: those on a face before which
 nothing that is left in the list can be met (`tracer.scene.precedence`). Faces that are likely to
 settle many rays come first, so most rays of a lens are tried with one or two faces.
+
+In scenes of very many faces neighbours share a list: each face having its own would take memory and
+time in proportion to the square of their number.
 """
 
 from __future__ import annotations
@@ -19,21 +22,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracer.geometry.kinds import MESH, SPHERE
-from tracer.geometry.shapes import Shape
+from tracer.geometry.shape_columns import ShapeColumns
 from tracer.scene.precedence import Precedence
 
-__all__ = ["Candidates", "Departures", "main_axis"]
+__all__ = ["Candidates", "Departures"]
 
 Array = NDArray[np.float64]
 
 _FEW_FACES = 128
 """Comparing all triples of faces is worth its time up to so many."""
 
+_ENTRIES = 1 << 22
+"""Faces share lists where these would have more entries in all."""
+
 
 class Candidates(NamedTuple):
     """Candidate lists of all departures.
 
-    first (n + 1,) : list of departure k is entries first[k] to first[k + 1]
+    list_of (departures,) : number of the list of each departure
+    first (n + 1,) : list k is entries first[k] to first[k + 1]
     face : numbers of faces
     distance : lower bound of the distance of this entry and all that follow
     settle (n, 2 x faces) : place in the list after which a hit on a face is settled; in the second
@@ -42,6 +49,7 @@ class Candidates(NamedTuple):
     likely (n,) : place in the list of the face that most rays are likely to meet, -1 unknown
     """
 
+    list_of: NDArray[np.int64]
     first: NDArray[np.int64]
     face: NDArray[np.int64]
     distance: Array
@@ -61,10 +69,10 @@ class Candidates(NamedTuple):
 class _List(NamedTuple):
     """What rays of a departure can meet.
 
-    start : number of the face or source, -1 anywhere
+    start : number of the face or source, -1 anywhere or on one of many faces
     faces : in the order in which they are tried
     distance (n,) : lower bound of the distance of each face of the scene
-    settle (2 n,) : as in `Candidates`
+    settle (2 n,) : as in `Candidates`; empty in scenes of many faces
     likely : as in `Candidates`
     """
 
@@ -91,29 +99,50 @@ class Departures:
     sources : per source the box that it emits from and the direction of its beam (zero: any)
     """
 
-    def __init__(
-        self, shapes: Sequence[Shape], sources: Sequence[tuple[Array, Array, Array]]
-    ) -> None:
+    def __init__(self, shapes: ShapeColumns, sources: Sequence[tuple[Array, Array, Array]]) -> None:
         n = len(shapes)
-        boxes = [shape.bounds() for shape in shapes]
-        self._low = np.array([box[0] for box in boxes]).reshape(n, 3)
-        self._high = np.array([box[1] for box in boxes]).reshape(n, 3)
-        self._kinds = np.array([shape.kind for shape in shapes], np.int64)
+        self._low, self._high, self._kinds, self.axes = (
+            shapes.low, shapes.high, shapes.kind, shapes.axis,
+        )  # fmt: skip
         self._precedence = None
         if 0 < n <= _FEW_FACES and bool((self._kinds != MESH).any()):
-            self._precedence = Precedence(shapes, [(start, stop) for start, stop, _ in sources])
-        self.axes = np.array([main_axis(shape) for shape in shapes], np.int64)
-        self._lists = []
-        for face in range(n):
-            for sign in (-1, 1):
-                signs = np.zeros(3)
-                signs[self.axes[face]] = sign
-                self._lists.append(self._list(self._low[face], self._high[face], signs, face))
+            self._precedence = Precedence(
+                shapes.shapes, [(start, stop) for start, stop, _ in sources]
+            )
+        self._lists: list[_List] = []
+        list_of = self._face_lists() if 2 * n * n <= _ENTRIES else self._shared_lists()
         for number, (low, high, beam) in enumerate(sources):
             signs = np.sign(np.where(np.abs(beam) < 1e-12, 0.0, beam))
             self._lists.append(self._list(low, high, signs, n + number))
         everywhere = np.full(3, np.inf)
         self._lists.append(self._list(-everywhere, everywhere, np.zeros(3), -1))
+        rest = np.arange(len(self._lists) - len(sources) - 1, len(self._lists))
+        self._list_of = np.concatenate([list_of, rest]).astype(np.int64)
+
+    def _face_lists(self) -> NDArray[np.int64]:
+        """A list per face and sense; their numbers by departure."""
+        for face in range(len(self._kinds)):
+            for sign in (-1, 1):
+                signs = np.zeros(3)
+                signs[self.axes[face]] = sign
+                self._lists.append(self._list(self._low[face], self._high[face], signs, face))
+        return np.arange(2 * len(self._kinds))
+
+    def _shared_lists(self) -> NDArray[np.int64]:
+        """A list per group of neighbours of one main axis, and sense; numbers by departure."""
+        n = len(self._kinds)
+        rooms = max(1, _ENTRIES // (6 * n))
+        group = 3 * _neighbours(0.5 * (self._low + self._high), rooms) + self.axes
+        list_of = np.zeros((n, 2), np.int64)
+        for number in np.unique(group):
+            faces = np.flatnonzero(group == number)
+            low, high = self._low[faces].min(axis=0), self._high[faces].max(axis=0)
+            for k, sign in enumerate((-1, 1)):
+                signs = np.zeros(3)
+                signs[self.axes[faces[0]]] = sign
+                list_of[faces, k] = len(self._lists)
+                self._lists.append(self._list(low, high, signs, -1))
+        return list_of.reshape(-1)
 
     @property
     def sortable(self) -> bool:
@@ -121,7 +150,7 @@ class Departures:
         return self._precedence is not None
 
     def candidates(self, met: NDArray[np.int64] | None = None) -> Candidates:
-        """Candidate lists of all departures.
+        """The lists as they stand in a compiled scene.
 
         Parameters
         ----------
@@ -130,7 +159,7 @@ class Departures:
             hit is found, not which.
         """
         lists = list(self._lists)
-        if met is not None:
+        if met is not None and self.sortable:
             for k in np.flatnonzero(met.any(axis=1)):
                 lists[k] = self._in_likely_order(lists[k], met[k])
         known = self._precedence is not None
@@ -141,6 +170,7 @@ class Departures:
             settles[start + item.settle[item.settle < _NEVER]] = 1
         rows = [item.settle for item in lists] if known else []
         return Candidates(
+            list_of=self._list_of,
             first=first.astype(np.int64),
             face=np.concatenate([item.faces for item in lists]).astype(np.int64),
             distance=np.concatenate([item.bounds() for item in lists]),
@@ -163,8 +193,9 @@ class Departures:
         gap = np.maximum(0.0, np.maximum(low - start_high, start_low - high))
         distance = np.linalg.norm(gap, axis=1) * (1.0 - 1e-12)
         order = np.argsort(distance, kind="stable")
-        found = _List(start, order[ahead[order]], distance, np.full(2 * n, _NEVER, np.int32), -1)
-        if start < 0:
+        never = np.full(2 * n if self.sortable else 0, _NEVER, np.int32)
+        found = _List(start, order[ahead[order]], distance, never, -1)
+        if start < 0 or not self.sortable:
             # Nothing is known of rays that start anywhere
             return found
         away = 0.5 * (low + high - start_low - start_high)
@@ -218,6 +249,17 @@ def _apparent_size(extent: Array, away: Array) -> Array:
     return np.asarray(np.minimum(1.0, (share * across).sum(axis=1) / square))
 
 
-def main_axis(shape: Shape) -> int:
-    """Coordinate axis nearest to the axis or normal of a face."""
-    return int(np.argmax(np.abs(shape.row()[3:6])))
+def _neighbours(places: Array, rooms: int) -> NDArray[np.int64]:
+    """(n,): places in up to so many groups of equal size, each in a box of its own."""
+    groups = [np.arange(len(places))]
+    while 2 * len(groups) <= rooms and len(groups[0]) > 1:
+        halves = []
+        for items in groups:
+            extent = np.ptp(places[items], axis=0)
+            order = items[np.argsort(places[items, int(np.argmax(extent))], kind="stable")]
+            halves += [order[: len(order) // 2], order[len(order) // 2 :]]
+        groups = halves
+    number = np.zeros(len(places), np.int64)
+    for k, items in enumerate(groups):
+        number[items] = k
+    return number

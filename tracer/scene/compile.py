@@ -21,6 +21,7 @@ from raymap.directory import (
 )
 from raymap.errors import SceneError
 from tracer.geometry.kinds import ANNULUS, CYLINDER, MESH, RECTANGLE, SPHERE
+from tracer.geometry.shape_columns import ShapeColumns
 from tracer.scene.arrays import (
     ABSORBER,
     DIELECTRIC,
@@ -49,7 +50,7 @@ from tracer.scene.sheets import warn_of_hidden_sheets
 from tracer.scene.source_faces import lift_off_faces
 from tracer.scene.sources import CompiledSources, SourceTable
 from tracer.scene.surfaces import SurfaceTable
-from tracer.scene.touching import BodyFace, warn_of_touching
+from tracer.scene.touching import warn_of_touching
 
 __all__ = ["Compilation", "compile_scene", "resolve_bodies"]
 
@@ -128,10 +129,10 @@ class _Compiler:
         }
         sources = SourceTable(scene, self.wavelengths, nests, world).compile()
         detectors = self.detectors.compile()
-        center, radius = self._extent(sources)
-        shapes = [primitive.shape for primitive in faces.primitives]
+        shapes = ShapeColumns.of_shapes([primitive.shape for primitive in faces.primitives])
+        center, radius = self._extent(shapes, sources)
         sources = lift_off_faces(sources, shapes, 1e-9 * radius)
-        face_i, face_f, pool = faces.rows()
+        face_i, face_f, pool = faces.rows(shapes)
         surface_table = SurfaceTable(self.media, self.wavelengths, scene.origin)
         surface_i, surface_f, tables = surface_table.compile(faces.surface_models())
         departures = Departures(shapes, sources.boxes)
@@ -146,9 +147,8 @@ class _Compiler:
             radius,
         )
         if faces.placed:
-            names = [item.name for item in faces.objects]
-            known = [BodyFace(names[p.object], p.shape) for p in faces.primitives]
-            warn_of_touching(faces.placed, known, faces.solids, radius, scene.origin)
+            owners = [faces.objects[p.object].name for p in faces.primitives]
+            warn_of_touching(faces.placed, shapes, owners, faces.solids, radius, scene.origin)
         warn_of_hidden_sheets(
             contacts,
             faces.primitives,
@@ -209,9 +209,9 @@ class _Compiler:
         }
         return compile_rare_light(self.scene.trace, self.faces.shapes(), planes, self.scene.origin)
 
-    def _extent(self, sources: CompiledSources) -> tuple[Array, float]:
+    def _extent(self, shapes: ShapeColumns, sources: CompiledSources) -> tuple[Array, float]:
         """Center and radius of the bounding sphere."""
-        boxes = [primitive.shape.bounds() for primitive in self.faces.primitives]
+        boxes = [(shapes.low.min(axis=0), shapes.high.max(axis=0))] if len(shapes) else []
         boxes += [(low, high) for low, high, _ in sources.boxes]
         boxes += self.detectors.boxes()
         low = np.min([box[0] for box in boxes], axis=0)
@@ -264,6 +264,7 @@ class _Compiler:
 def _lists(candidates: Candidates, plain: NDArray[np.uint8]) -> dict[str, Any]:
     """The lists of faces as columns of the compiled scene."""
     return {
+        "list_of": candidates.list_of,
         "first": candidates.first,
         "face": candidates.face,
         "distance": candidates.distance,

@@ -14,11 +14,10 @@ from raymap.directory import DisplayMesh, Face, SceneObject
 from raymap.errors import SceneError
 from tracer.geometry.bodies import MeshBody
 from tracer.geometry.body import Body, FacePlan
-from tracer.geometry.kinds import ROW
 from tracer.geometry.lens_body import LensBody
 from tracer.geometry.mesh import TriangleMesh
-from tracer.geometry.shapes import Polygon, Rectangle, Shape
-from tracer.scene.candidates import main_axis
+from tracer.geometry.shape_columns import ShapeColumns
+from tracer.geometry.shapes import SEGMENTS, Polygon, Rectangle, Shape
 from tracer.scene.load import _nearest
 from tracer.scene.meshes import MeshFace, MeshShelf
 from tracer.scene.model import Scene, SurfaceModel
@@ -28,6 +27,12 @@ __all__ = ["FaceTable", "Primitive", "given_parameters"]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+_DRAWN_FINELY = 1_000
+"""So many bodies are drawn with round circles."""
+
+_FEWEST = 12
+"""Corners of a circle at least."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,22 +62,24 @@ class FaceTable:
     Attributes
     ----------
     bodies : by name, cemented faces filled in
-    solids : names of the bodies with a medium, in order
-    surface_names : of all surfaces, those of the scene first
+    solids : names of the bodies with a medium and their numbers, in order
+    surface_numbers : of all surfaces by name, those of the scene first
     objects, primitives, meshes, placed : filled by `build`; ``placed`` are triangles by body
     """
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.bodies = resolve_bodies(scene)
-        self.solids = [name for name, body in self.bodies.items() if body.medium is not None]
+        solid = (name for name, body in self.bodies.items() if body.medium is not None)
+        self.solids = {name: number for number, name in enumerate(solid)}
         self.shelf = MeshShelf(Path(scene.folder))
-        self.surface_names = list(scene.surfaces)
+        self.surface_numbers = {name: number for number, name in enumerate(scene.surfaces)}
         self.extra_surfaces: dict[str, SurfaceModel] = {}
         self.objects: list[SceneObject] = []
         self.primitives: list[Primitive] = []
         self.meshes: dict[int, DisplayMesh] = {}
         self.placed: dict[str, TriangleMesh] = {}
+        self.segments = _segments(len(self.bodies))
 
     def fail(self, key: str, message: str) -> SceneError:
         return SceneError(f"{self.scene.origin}: {key}: {message}")
@@ -80,7 +87,7 @@ class FaceTable:
     def surface_models(self) -> list[tuple[str, SurfaceModel]]:
         """All surfaces that faces have, by number."""
         known = self.scene.surfaces | self.extra_surfaces
-        return [(name, known[name]) for name in self.surface_names]
+        return [(name, known[name]) for name in self.surface_numbers]
 
     def _surface_number(self, name: str | None, solid: bool, place: str) -> int:
         """Index of a surface by name; the default of solids is bare, of sheets there is none."""
@@ -90,12 +97,12 @@ class FaceTable:
                     f"{place}.surface", 'is missing; name one of [surfaces.…], or say "absorber"'
                 )
             name = "bare"
-        if name not in self.surface_names:
+        if name not in self.surface_numbers:
             if name not in _BUILT_IN:
                 raise self.fail(place, self._unknown_surface(name))
-            self.surface_names.append(name)
+            self.surface_numbers[name] = len(self.surface_numbers)
             self.extra_surfaces[name] = _BUILT_IN[name]
-        return self.surface_names.index(name)
+        return self.surface_numbers[name]
 
     def _unknown_surface(self, name: str) -> str:
         """What is wrong with the name of a surface, and how to mend it."""
@@ -134,7 +141,7 @@ class FaceTable:
     def _add_body(self, name: str, body: Body, back_partner: str | None) -> None:
         plans = body.plan()
         self._check_face_names(name, body, [plan.name for plan in plans])
-        solid = self.solids.index(name) if name in self.solids else -1
+        solid = self.solids.get(name, -1)
         faces: list[Face] = []
         for plan in plans:
             surface = self._surface_number(
@@ -143,7 +150,7 @@ class FaceTable:
                 f"bodies.{name}",
             )
             partner = back_partner if plan.name == "back" else None
-            outside = self.solids.index(partner) if partner is not None else -1
+            outside = self.solids[partner] if partner is not None else -1
             faces.append(self._face(plan, faces, surface, partner))
             self.primitives += [
                 Primitive(
@@ -157,7 +164,9 @@ class FaceTable:
                 )
                 for k, shape in enumerate(plan.shapes)
             ]
-        self._add_object(name, body.kind, faces, _mesh(plans), given_parameters(body))
+        self._add_object(
+            name, body.kind, faces, _mesh(plans, self.segments), given_parameters(body)
+        )
 
     def _add_detector(self, name: str, number: int, shape: Rectangle, surface_name: str) -> None:
         surface = self._surface_number(surface_name, True, f"detectors.{name}.surface")
@@ -171,7 +180,13 @@ class FaceTable:
                 detector=number,
             )
         )
-        self._add_object(name, "detector", [self._face(plan, [], surface, None)], _mesh([plan]), {})
+        self._add_object(
+            name,
+            "detector",
+            [self._face(plan, [], surface, None)],
+            _mesh([plan], self.segments),
+            {},
+        )
 
     def _add_mesh(self, name: str, body: MeshBody) -> None:
         """Names of a mesh's faces, and a place of departure for each of them."""
@@ -180,7 +195,7 @@ class FaceTable:
         self._check_face_names(name, body, list(mesh.face_names))
         low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
         margin = 1e-9 * (1.0 + float(np.abs([low, high]).max()))
-        solid = self.solids.index(name) if name in self.solids else -1
+        solid = self.solids.get(name, -1)
         faces: list[Face] = []
         first = 0
         for face_name, count in zip(mesh.face_names, mesh.face_counts.tolist(), strict=True):
@@ -241,36 +256,40 @@ class FaceTable:
             quadrics=tuple(shape.quadric() for shape in plan.shapes),
         )
 
-    def rows(self) -> tuple[Integers, Array, Array]:
+    def rows(self, shapes: ShapeColumns) -> tuple[Integers, Array, Array]:
         """``face_i``, ``face_f`` and ``pool`` of `CompiledScene`."""
-        integers, rows = [], []
+        integers = []
+        rows = shapes.row.copy()
         pool: list[Array] = []
-        for p in self.primitives:
-            row = p.shape.row()
+        for k, p in enumerate(self.primitives):
             if isinstance(p.shape, Polygon):
                 planes = p.shape.half_planes()
-                row[6], row[7] = len(pool), len(planes)
+                rows[k, 6:8] = len(pool), len(planes)
                 pool += list(planes)
-            rows.append(row)
             integers.append(
                 (
                     p.shape.kind, p.object, p.triangle, p.surface, p.inside, p.outside, p.detector,
-                    p.event, main_axis(p.shape),
+                    p.event, shapes.axis[k],
                 )
             )  # fmt: skip
         return (
             np.array(integers, np.int64).reshape(-1, 9),
-            np.array(rows).reshape(-1, ROW),
+            rows,
             np.array(pool, float).reshape(-1),
         )
 
 
-def _mesh(plans: list[FacePlan]) -> DisplayMesh:
+def _segments(bodies: int) -> int:
+    """Corners that a circle is drawn with: fewer where there are very many bodies."""
+    return max(_FEWEST, min(SEGMENTS, SEGMENTS * _DRAWN_FINELY // max(1, bodies)))
+
+
+def _mesh(plans: list[FacePlan], segments: int) -> DisplayMesh:
     vertices, triangles, faces = [], [], []
     base = 0
     for number, plan in enumerate(plans):
         for shape in plan.shapes:
-            points, corners = shape.mesh()
+            points, corners = shape.mesh(segments)
             vertices.append(points)
             triangles.append(corners + base)
             faces.append(np.full(len(corners), number))

@@ -62,7 +62,7 @@ class MeshFace:
     def quadric(self) -> Quadric | None:
         return None
 
-    def mesh(self) -> Mesh:
+    def mesh(self, segments: int = 0) -> Mesh:
         return np.zeros((0, 3)), np.zeros((0, 3), np.int32)
 
 

@@ -21,6 +21,7 @@ from tracer.scene.model import SurfaceModel
 __all__ = ["HiddenSheet", "sheets_overlap", "warn_of_hidden_sheets"]
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 Flat = Annulus | Rectangle | Polygon
 
 _SLIVER = 1e-6
@@ -54,18 +55,20 @@ def warn_of_hidden_sheets(
     """
     if contacts is None:
         return
-    hidden: dict[str, list[str]] = {}
-    for a, b in _pairs(contacts, faces, surfaces):
-        first, other = bodies[faces[a].object], bodies[faces[b].object]
-        known = hidden.setdefault(first, [])
-        if other not in known and sheets_overlap(faces[a].shape, faces[b].shape, _SLIVER * size):
-            known.append(other)
-    for first, others in hidden.items():
-        if not others:
-            continue
-        names = ", ".join(repr(name) for name in others[:_NAMED])
-        if len(others) > _NAMED:
-            names += f" and {len(others) - _NAMED} more"
+    pairs = list(_pairs(contacts, faces, surfaces))
+    ones, others = ([faces[pair[k]] for pair in pairs] for k in (0, 1))
+    lies = sheets_overlap(
+        [face.shape for face in ones], [face.shape for face in others], _SLIVER * size
+    )
+    hidden: dict[str, dict[str, None]] = {}
+    for a, b, on in zip(ones, others, lies, strict=True):
+        if on:
+            hidden.setdefault(bodies[a.object], {})[bodies[b.object]] = None
+    for first, below in hidden.items():
+        known = list(below)
+        names = ", ".join(repr(name) for name in known[:_NAMED])
+        if len(known) > _NAMED:
+            names += f" and {len(known) - _NAMED} more"
         warnings.warn(
             f"{place}: sheet {first!r} lies on {names}: light meets only {first!r} there, which "
             "is named first; leave a micrometre between them if light shall meet both, or name "
@@ -100,54 +103,87 @@ def _transmits(surface: SurfaceModel) -> bool:
     return bool(surface.transmittance) or surface.transmitted is not None
 
 
-def sheets_overlap(one: Shape, other: Shape, least: float) -> bool:
-    """Whether flat faces of one plane share more than a strip of the width ``least``.
+def sheets_overlap(one: Sequence[Shape], other: Sequence[Shape], least: float) -> Flags:
+    """Which pairs of flat faces of one plane share more than a strip of the width ``least``.
 
     Faces of other shapes do: they are known to be parts of one surface, along the same stretch.
+
+    Parameters
+    ----------
+    one, other : n faces each
     """
-    if not (isinstance(one, Flat) and isinstance(other, Flat)):
-        return True
-    for n in _directions(one, other):
-        (low, high), (lower, higher) = _extent(one, n), _extent(other, n)
-        if min(high, higher) - max(low, lower) <= least:
-            return False
-    return not (_in_hole(one, other, least) or _in_hole(other, one, least))
+    found = np.ones(len(one), bool)
+    alike: dict[tuple[int, int, bool, bool], list[int]] = {}
+    for k, (a, b) in enumerate(zip(one, other, strict=True)):
+        if isinstance(a, Flat) and isinstance(b, Flat):
+            rings = isinstance(a, Annulus), isinstance(b, Annulus)
+            alike.setdefault((len(_corners(a)), len(_corners(b)), *rings), []).append(k)
+    for numbers in alike.values():
+        found[numbers] = _overlap(
+            _Flats([one[k] for k in numbers]), _Flats([other[k] for k in numbers]), least
+        )
+    return found
 
 
-def _directions(one: Flat, other: Flat) -> list[Array]:
+class _Flats:
+    """Flat faces of one kind, with equally many corners.
+
+    corners : (n, k, 3), of rings their centre
+    edges : (n, k, 3) from each corner to the next
+    ring, inner, outer : whether they are rings, and their radii (n,); 0 without
+    """
+
+    def __init__(self, shapes: Sequence[Shape]) -> None:
+        flats = [shape for shape in shapes if isinstance(shape, Flat)]
+        self.corners = np.array([_corners(shape) for shape in flats])
+        self.normal = np.array([shape.normal for shape in flats])
+        self.edges = np.roll(self.corners, -1, axis=1) - self.corners
+        rings = [shape for shape in flats if isinstance(shape, Annulus)]
+        self.ring = bool(rings)
+        self.inner, self.outer = np.zeros((2, len(flats)))
+        if rings:
+            self.inner = np.array([shape.inner for shape in rings])
+            self.outer = np.array([shape.outer for shape in rings])
+
+    def extent(self, n: Array) -> tuple[Array, Array]:
+        """From where to where they reach along directions (n, m, 3) in their planes: (n, m)."""
+        along = np.einsum("nkc,nmc->nmk", self.corners, n)
+        outer = self.outer[:, None]
+        return along.min(axis=2) - outer, along.max(axis=2) + outer
+
+
+def _overlap(one: _Flats, other: _Flats, least: float) -> Flags:
+    """Which pairs share more than a strip of the width ``least``."""
+    n = _directions(one, other)
+    (low, high), (lower, higher) = one.extent(n), other.extent(n)
+    shared = np.minimum(high, higher) - np.maximum(low, lower)
+    # A direction of no length, of a ring with the corner of its centre, separates nothing
+    apart = ((shared <= least) & n.any(axis=2)).any(axis=1)
+    return ~(apart | _in_hole(one, other, least) | _in_hole(other, one, least))
+
+
+def _directions(one: _Flats, other: _Flats) -> Array:
     """Directions along one of which convex faces in a plane are apart, if they are at all."""
-    found: list[Array] = []
-    for shape, partner in ((one, other), (other, one)):
-        if not isinstance(shape, Annulus):
-            corners = _corners(shape)
-            found += list(np.cross(np.roll(corners, -1, axis=0) - corners, shape.normal))
-        elif isinstance(partner, Annulus):
-            found.append(partner.origin - shape.origin)
+    found = []
+    for flats, partner in ((one, other), (other, one)):
+        if flats.ring:
+            found.append(partner.corners - flats.corners)
         else:
-            found += list(_corners(partner) - shape.origin)
-    lengths = [float(np.linalg.norm(n)) for n in found]
-    return [n / length for n, length in zip(found, lengths, strict=True) if length > 0.0]
+            found.append(np.cross(flats.edges, flats.normal[:, None]))
+    n = np.concatenate(found, axis=1)
+    lengths = np.linalg.norm(n, axis=2, keepdims=True)
+    return np.asarray(n / np.where(lengths > 0.0, lengths, 1.0))
 
 
-def _corners(shape: Rectangle | Polygon) -> Array:
+def _corners(shape: Flat) -> Array:
+    if isinstance(shape, Annulus):
+        return np.asarray(shape.origin)[None]
     return shape.corners() if isinstance(shape, Rectangle) else shape.vertices
 
 
-def _extent(shape: Flat, n: Array) -> tuple[float, float]:
-    """From where to where a face reaches along a direction in its plane."""
-    if isinstance(shape, Annulus):
-        middle = float(shape.origin @ n)
-        return middle - shape.outer, middle + shape.outer
-    along = _corners(shape) @ n
-    return float(along.min()), float(along.max())
-
-
-def _in_hole(ring: Flat, other: Flat, least: float) -> bool:
-    """Whether a face lies in the hole of a ring."""
-    if not isinstance(ring, Annulus) or ring.inner <= 0.0:
-        return False
-    if isinstance(other, Annulus):
-        farthest = float(np.linalg.norm(other.origin - ring.origin)) + other.outer
-    else:
-        farthest = float(np.linalg.norm(_corners(other) - ring.origin, axis=1).max())
-    return farthest <= ring.inner + least
+def _in_hole(rings: _Flats, other: _Flats, least: float) -> Flags:
+    """Which faces lie in the hole of a ring."""
+    if not rings.ring:
+        return np.zeros(len(rings.corners), bool)
+    farthest = np.linalg.norm(other.corners - rings.corners, axis=2).max(axis=1) + other.outer
+    return np.asarray((rings.inner > 0.0) & (farthest <= rings.inner + least))

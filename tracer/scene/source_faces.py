@@ -7,14 +7,13 @@ still counts as touching.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tracer.geometry.kinds import MESH, SPHERE
-from tracer.geometry.shapes import Shape
+from tracer.geometry.shape_columns import ShapeColumns
 from tracer.scene.arrays import FROM_BOX, FROM_LIST, FROM_POINT, L_AREA, L_DIRECTIONS, UNIFORM_CONE
 from tracer.scene.sources import CompiledSources
 
@@ -25,9 +24,7 @@ Array = NDArray[np.float64]
 _PARALLEL = 1e-9
 
 
-def lift_off_faces(
-    sources: CompiledSources, shapes: Sequence[Shape], reach: float
-) -> CompiledSources:
+def lift_off_faces(sources: CompiledSources, shapes: ShapeColumns, reach: float) -> CompiledSources:
     """Sources that start ``reach`` before the flat faces within ``reach`` of which they lie.
 
     Parameters
@@ -37,8 +34,7 @@ def lift_off_faces(
     shapes : all faces
     reach : distance within which faces are one [scene unit]
     """
-    rows = [shape.row()[:6] for shape in shapes if shape.kind < SPHERE and shape.kind != MESH]
-    planes = np.array(rows).reshape(-1, 6)
+    planes = shapes.row[(shapes.kind < SPHERE) & (shapes.kind != MESH), :6]
     numbers, boxes = sources.numbers.copy(), list(sources.boxes)
     for k, integers in enumerate(sources.integers):
         if integers[L_AREA] == FROM_LIST or _shines_all_round(integers, numbers[k]):

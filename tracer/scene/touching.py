@@ -9,14 +9,14 @@ between them. The remedy is the user's.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from raymap.directory import Quadric
 from tracer.geometry.mesh import TriangleMesh
+from tracer.geometry.shape_columns import ShapeColumns
 from tracer.geometry.shapes import (
     Annulus,
     Conic,
@@ -28,7 +28,7 @@ from tracer.geometry.shapes import (
     SphereCap,
 )
 
-__all__ = ["BodyFace", "TouchingFaces", "find_touching", "warn_of_touching"]
+__all__ = ["TouchingFaces", "find_touching", "warn_of_touching"]
 
 Array = NDArray[np.float64]
 Triangles = Array
@@ -50,17 +50,11 @@ class TouchingFaces(UserWarning):
     """Triangles that lie on other faces: what light meets there is left to rounding."""
 
 
-class BodyFace(NamedTuple):
-    """An analytic face and the body that it belongs to."""
-
-    body: str
-    shape: Shape
-
-
 def warn_of_touching(
     meshes: Mapping[str, TriangleMesh],
-    faces: Sequence[BodyFace],
-    solids: Sequence[str],
+    faces: ShapeColumns,
+    bodies: Sequence[str],
+    solids: Collection[str],
     size: float,
     place: str,
 ) -> None:
@@ -70,11 +64,12 @@ def warn_of_touching(
     ----------
     meshes : triangles of bodies by name, in the scene
     faces : analytic faces; those with aspheric coefficients are passed over
+    bodies : per face the name of its body
     solids : names of the bodies with a medium; two sheets need no order
     size : radius of the scene
     place : names the scene
     """
-    for mesh, other, count in find_touching(meshes, faces, solids, size):
+    for mesh, other, count in find_touching(meshes, faces, bodies, solids, size):
         many = "1 triangle" if count == 1 else f"{count} triangles"
         warnings.warn(
             f"{place}: bodies {mesh!r} and {other!r} touch along {many} of {mesh!r}: light meets "
@@ -88,23 +83,29 @@ def warn_of_touching(
 
 def find_touching(
     meshes: Mapping[str, TriangleMesh],
-    faces: Sequence[BodyFace],
-    solids: Sequence[str],
+    faces: ShapeColumns,
+    bodies: Sequence[str],
+    solids: Collection[str],
     size: float,
 ) -> list[tuple[str, str, int]]:
     """Mesh, other body, and triangles of the mesh that lie on it."""
     reach = _REACH * size
     corners = {name: mesh.vertices[mesh.triangles] for name, mesh in meshes.items()}
-    found: dict[tuple[str, str], int] = {}
     names = list(meshes)
+    low = np.array([corners[name].min(axis=(0, 1)) for name in names]).reshape(-1, 3) - reach
+    high = np.array([corners[name].max(axis=(0, 1)) for name in names]).reshape(-1, 3) + reach
+    found: dict[tuple[str, str], int] = {}
     for k, name in enumerate(names):
-        for body, shape in faces:
+        near = (faces.high >= low[k]).all(axis=1) & (faces.low <= high[k]).all(axis=1)
+        for number in np.flatnonzero(near).tolist():
+            body, shape = bodies[number], faces.shapes[number]
             if name in solids or body in solids:
                 count = _on_flat_face(corners[name], shape, reach)
                 count += _on_curved_face(corners[name], shape, reach)
                 if count:
                     found[name, body] = found.get((name, body), 0) + count
-        for other in names[k + 1 :]:
+        beside = (high[k + 1 :] >= low[k]).all(axis=1) & (low[k + 1 :] <= high[k]).all(axis=1)
+        for other in (names[k + 1 + number] for number in np.flatnonzero(beside).tolist()):
             if name in solids or other in solids:
                 count = _on_triangles(corners[name], corners[other], reach)
                 if count:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from tests.tracer.engine.tracing import compiled
+from tracer.geometry.shape_columns import ShapeColumns
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import load_scene, parse_scene
 from tracer.scene.touching import TouchingFaces, find_touching
@@ -18,6 +19,8 @@ from tracer.scene.touching import TouchingFaces, find_touching
 trimesh = pytest.importorskip("trimesh")
 
 SAMPLES = Path(__file__).parents[3] / "samples"
+
+NO_FACES = ShapeColumns.of_shapes([])
 
 SCENE = """
 length_unit = "mm"
@@ -142,9 +145,11 @@ def test_large_meshes_are_compared_in_a_moment() -> None:
             face_names=("all",),
         )
     began = time.process_time()
-    assert find_touching(balls, [], ["a", "b"], 3.0) == []
+    assert find_touching(balls, NO_FACES, [], ["a", "b"], 3.0) == []
     twin = {"a": balls["a"], "c": balls["a"]}
-    assert find_touching(twin, [], ["a", "c"], 3.0) == [("a", "c", len(balls["a"].triangles))]
+    assert find_touching(twin, NO_FACES, [], ["a", "c"], 3.0) == [
+        ("a", "c", len(balls["a"].triangles))
+    ]
     assert time.process_time() - began < 20.0
 
 
