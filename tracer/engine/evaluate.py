@@ -10,12 +10,10 @@ from __future__ import annotations
 import math
 
 from raymap.kernels import inner_kernel
-from tracer.engine.scattering import metal_reflectance
+from tracer.engine.scattering import metal_reflectance, specular_share
 from tracer.geometry.kinds import F64, I64
-from tracer.optics.abg import eval_radial
+from tracer.optics.abg import eval_radial, scatter_share
 from tracer.optics.bsdf import eval_tabulated, pdf_retro
-from tracer.optics.coatings import coating_share
-from tracer.optics.fresnel import fresnel_reflectance
 from tracer.optics.microfacet import eval_rough_conductor, eval_rough_dielectric
 from tracer.scene.arrays import (
     BY_TABLE,
@@ -181,20 +179,6 @@ def _around_specular(
     first, stride = surface_i[surface, S_TABLE], surface_i[surface, S_STRIDE]
     for k in range(len(out)):
         n1, n2 = medium_f[medium, k], medium_f[world, k]
-        if kind == MIRROR:
-            share = metal_reflectance(
-                surface_i, surface_f, medium_f, tables, surface, medium, k, cos_i
-            )
-        else:
-            reflected = fresnel_reflectance(n1, n2, cos_i)
-            crossing = 1.0 - reflected
-            if surface_i[surface, S_MODEL] == 2:
-                place = surface_i[surface, S_METAL] + k * surface_i[surface, S_TRANSMITTED]
-                reflected, crossing = coating_share(tables, place, n1, n2, cos_i)
-            elif reflected < 1.0 and surface_i[surface, S_MODEL] != 0:
-                reflected = float(surface_f[surface, SURFACE_ROW + k])
-                crossing = 1.0 - reflected
-            share = reflected if cos_o > 0.0 else crossing
         # Specular light keeps its projection on the surface, times the ratio of indices
         eta = 1.0 if cos_o > 0.0 else n1 / n2
         a, b = -eta * ix, -eta * iy
@@ -202,5 +186,10 @@ def _around_specular(
             out[k] = 0.0
             continue
         rho = math.sqrt((px - a) * (px - a) + (py - b) * (py - b))
-        out[k] = share * eval_radial(tables, first + k * stride, rho) * abs(cos_o)
+        out[k] = eval_radial(tables, first + k * stride, rho) * abs(cos_o)
+        # No more is scattered than the specular light holds
+        specular = specular_share(
+            surface_i, surface_f, medium_f, tables, surface, medium, world, cos_i, cos_o < 0.0, k
+        )
+        out[k] *= min(1.0, specular / scatter_share(tables, first + k * stride, math.hypot(a, b)))
     return True

@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from raymap.events import Event
-from raymap.kernels import inner_kernel
+from raymap.kernels import inner_kernel, lean_kernel
 from tracer.engine.buffers import COLORS
 from tracer.engine.colors import mean_of, pick_channel, recolor, recolor_lost
 from tracer.engine.random import advance, uniform
@@ -25,6 +25,7 @@ from tracer.optics.bsdf import (
     sample_tabulated,
     tabulated_share,
 )
+from tracer.optics.coatings import coating_share
 from tracer.optics.fresnel import fresnel_conductor, fresnel_reflectance
 from tracer.optics.microfacet import sample_rough_conductor, sample_rough_dielectric
 from tracer.scene.arrays import (
@@ -50,6 +51,8 @@ __all__ = [
     "sample_measured",
     "sample_retroreflector",
     "scatter_specular",
+    "scattered_parts",
+    "specular_share",
     "survive_metal",
 ]
 
@@ -114,31 +117,34 @@ def meet_scatterer(
 
 @inner_kernel
 def scatter_specular(
-    surface_i: I64, tables: F64, surface: int, nx: float, ny: float, nz: float, dx: float,
-    dy: float, dz: float, code: int, colors: F64, counters: I64, state: np.uint64,
+    surface_i: I64, surface_f: F64, medium_f: F64, tables: F64, surface: int, medium: int,
+    other: int, cos_i: float, crosses: bool, nx: float, ny: float, nz: float, dx: float, dy: float,
+    dz: float, code: int, colors: F64, counters: I64, state: np.uint64,
 ) -> tuple[bool, float, float, float, int, np.uint64]:  # fmt: skip
-    """Scatter specular light about its direction with the share that the surface's law gives.
+    """Scatter the part of specular light about its direction that the surface's law takes.
 
     The normal stands on the side to which the light goes.
     """
-    first, stride = surface_i[surface, S_TABLE], surface_i[surface, S_STRIDE]
-    k = 0
-    if stride > 0:
-        state = advance(state)
-        k = pick_channel(colors, code, uniform(state))
     along = dx * nx + dy * ny + dz * nz
     beta = math.sqrt(max(0.0, 1.0 - along * along))
-    table = first + k * stride
+    parts = counters[COLORS] + 1
+    part = scattered_parts(
+        surface_i, surface_f, medium_f, tables, surface, medium, other, cos_i, crosses, beta, code,
+        colors, parts,
+    )  # fmt: skip
     state = advance(state)
-    if uniform(state) >= scatter_share(tables, table, beta):
-        if stride > 0 and code >= colors.shape[1]:
-            spare = counters[COLORS] + 1
-            for j in range(colors.shape[1]):
-                colors[spare, j] = 1.0 - scatter_share(tables, first + j * stride, beta)
-            code = recolor(colors, code, colors, spare, np.int64(0), counters)
+    if uniform(state) >= part:
+        for j in range(colors.shape[1]):
+            colors[parts, j] = 1.0 - colors[parts, j]
+        code = recolor(colors, code, colors, parts, np.int64(0), counters)
         return False, dx, dy, dz, code, state
-    if stride > 0:
-        code = k
+    code = recolor(colors, code, colors, parts, np.int64(0), counters)
+    table = surface_i[surface, S_TABLE]
+    if surface_i[surface, S_STRIDE] > 0:
+        # The law has another shape in each channel: go on in one
+        state = advance(state)
+        code = pick_channel(colors, code, uniform(state))
+        table += code * surface_i[surface, S_STRIDE]
     # Frame with x along the projection of the specular direction
     if beta > 1e-12:
         ux, uy, uz = (dx - along * nx) / beta, (dy - along * ny) / beta, (dz - along * nz) / beta
@@ -159,6 +165,49 @@ def scatter_specular(
         code,
         state,
     )
+
+
+@inner_kernel
+def scattered_parts(
+    surface_i: I64, surface_f: F64, medium_f: F64, tables: F64, surface: int, medium: int,
+    other: int, cos_i: float, crosses: bool, beta: float, code: int, colors: F64, parts: int,
+) -> float:  # fmt: skip
+    """Part of the reflected (refracted) light that the law scatters: TIS over R (over T).
+
+    ``beta`` is the length of the specular direction's projection on the surface. Row ``parts`` of
+    the colours takes the part in each channel; returned is that of the ray's light.
+    """
+    first, stride = surface_i[surface, S_TABLE], surface_i[surface, S_STRIDE]
+    for j in range(colors.shape[1]):
+        specular = specular_share(
+            surface_i, surface_f, medium_f, tables, surface, medium, other, cos_i, crosses, j
+        )
+        scattered = scatter_share(tables, first + j * stride, beta)
+        # Where a stack of nested media leaves less than the law asks for, all is scattered
+        colors[parts, j] = scattered / specular if specular > scattered else 1.0
+    return mean_of(colors, code, colors, parts, np.int64(0))
+
+
+@lean_kernel
+def specular_share(
+    surface_i: I64, surface_f: F64, medium_f: F64, tables: F64, surface: int, medium: int,
+    other: int, cos_i: float, crosses: bool, channel: int,
+) -> float:  # fmt: skip
+    """Specular reflectance, or transmittance, of a mirror or smooth interface in one channel."""
+    if surface_i[surface, S_KIND] == MIRROR:
+        return metal_reflectance(
+            surface_i, surface_f, medium_f, tables, surface, medium, channel, cos_i
+        )
+    n1, n2 = medium_f[medium, channel], medium_f[other, channel]
+    model = surface_i[surface, S_MODEL]
+    if model == 2:
+        place = surface_i[surface, S_METAL] + channel * surface_i[surface, S_TRANSMITTED]
+        reflectance, transmittance = coating_share(tables, place, n1, n2, cos_i)
+        return transmittance if crosses else reflectance
+    reflectance = fresnel_reflectance(n1, n2, cos_i)
+    if reflectance < 1.0 and model != 0:
+        reflectance = float(surface_f[surface, SURFACE_ROW + channel])
+    return 1.0 - reflectance if crosses else reflectance
 
 
 @inner_kernel
@@ -214,8 +263,9 @@ def _meet_mirror(
     event = _REFLECTED
     if surface_i[surface, S_TABLE] >= 0:
         scattered, dx, dy, dz, code, state = scatter_specular(
-            surface_i, tables, surface, nx, ny, nz, dx, dy, dz, code, colors, counters, state
-        )
+            surface_i, surface_f, medium_f, tables, surface, medium, medium, cos_i, False, nx, ny,
+            nz, dx, dy, dz, code, colors, counters, state,
+        )  # fmt: skip
         event = _GLOSSY_REFLECTION if scattered else _REFLECTED
     return event, False, dx, dy, dz, code, state
 

@@ -68,8 +68,8 @@ def meet_surface(
         )  # fmt: skip
         if tables is not None:
             happened, dx, dy, dz, code, state = _scatter_if_specular(
-                surface_i, tables, surface, happened, crosses, nx, ny, nz, dx, dy, dz, code,
-                colors, counters, state,
+                surface_i, surface_f, medium_f, tables, surface, medium, other, cos_i, happened,
+                crosses, nx, ny, nz, dx, dy, dz, code, colors, counters, state,
             )  # fmt: skip
         return happened, crosses, dx, dy, dz, code, state
     if kind == ABSORBER:
@@ -251,17 +251,17 @@ def coating(
 
 @inner_kernel
 def _scatter_if_specular(
-    surface_i: I64, tables: F64, surface: int, happened: int, crosses: bool, nx: float, ny: float,
-    nz: float, dx: float, dy: float, dz: float, code: int, colors: F64, counters: I64,
-    state: np.uint64,
+    surface_i: I64, surface_f: F64, medium_f: F64, tables: F64, surface: int, medium: int,
+    other: int, cos_i: float, happened: int, crosses: bool, nx: float, ny: float, nz: float,
+    dx: float, dy: float, dz: float, code: int, colors: F64, counters: I64, state: np.uint64,
 ) -> tuple[int, float, float, float, int, np.uint64]:  # fmt: skip
     """Give the surface's scatter its share of light that was reflected or refracted."""
     if surface_i[surface, S_TABLE] < 0 or happened & _SPECULAR == 0:
         return happened, dx, dy, dz, code, state
     side = -1.0 if crosses else 1.0
     scattered, dx, dy, dz, code, state = scatter_specular(
-        surface_i, tables, surface, side * nx, side * ny, side * nz, dx, dy, dz, code, colors,
-        counters, state,
+        surface_i, surface_f, medium_f, tables, surface, medium, other, cos_i, crosses, side * nx,
+        side * ny, side * nz, dx, dy, dz, code, colors, counters, state,
     )  # fmt: skip
     if scattered:
         glossy = _GLOSSY_TRANSMISSION if crosses else _GLOSSY_REFLECTION

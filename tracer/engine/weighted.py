@@ -149,8 +149,9 @@ def _meet_scatterer(
             return _ABSORBED, False, dx, dy, dz, code, state, weight
         along = 2.0 * cos_i
         scattered, dx, dy, dz, code, state, weight = scatter(
-            rare, x, y, z, weight, surface_i, tables, surface, nx, ny, nz, dx + along * nx,
-            dy + along * ny, dz + along * nz, code, colors, counters, state,
+            rare, x, y, z, weight, surface_i, surface_f, medium_f, tables, surface, medium, other,
+            cos_i, False, nx, ny, nz, dx + along * nx, dy + along * ny, dz + along * nz, code,
+            colors, counters, state,
         )  # fmt: skip
         event = _GLOSSY_REFLECTION if scattered else _REFLECTED
         return event, False, dx, dy, dz, code, state, weight

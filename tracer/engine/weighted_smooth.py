@@ -106,8 +106,9 @@ def meet_smooth(
                 colors, counters,
             )  # fmt: skip
         scattered, rx, ry, rz, twin_code, state, twin_weight = scatter(
-            rare, x, y, z, weight * back, surface_i, tables, surface, nx, ny, nz, dx + turned * nx,
-            dy + turned * ny, dz + turned * nz, twin_code, colors, counters, state,
+            rare, x, y, z, weight * back, surface_i, surface_f, medium_f, tables, surface, medium,
+            other, cos_i, False, nx, ny, nz, dx + turned * nx, dy + turned * ny, dz + turned * nz,
+            twin_code, colors, counters, state,
         )  # fmt: skip
         happened, twin_weight, state = thin_out(rare, 0, twin_weight, state)
         if happened == 0:
@@ -128,8 +129,9 @@ def meet_smooth(
             )  # fmt: skip
         weight *= back / chance
         scattered, dx, dy, dz, code, state, weight = scatter(
-            rare, x, y, z, weight, surface_i, tables, surface, nx, ny, nz, dx + turned * nx,
-            dy + turned * ny, dz + turned * nz, code, colors, counters, state,
+            rare, x, y, z, weight, surface_i, surface_f, medium_f, tables, surface, medium, other,
+            cos_i, False, nx, ny, nz, dx + turned * nx, dy + turned * ny, dz + turned * nz, code,
+            colors, counters, state,
         )  # fmt: skip
         return _GLOSSY_REFLECTION if scattered else event, False, dx, dy, dz, code, state, weight
     weight *= 1.0 - back if splits else (1.0 - r) / (1.0 - likely_enough(r, least))
@@ -143,8 +145,9 @@ def meet_smooth(
         code = k
     along = eta * cos_i - math.sqrt(cos2_t)
     scattered, dx, dy, dz, code, state, weight = scatter(
-        rare, x, y, z, weight, surface_i, tables, surface, -nx, -ny, -nz, eta * dx + along * nx,
-        eta * dy + along * ny, eta * dz + along * nz, code, colors, counters, state,
+        rare, x, y, z, weight, surface_i, surface_f, medium_f, tables, surface, medium, other,
+        cos_i, True, -nx, -ny, -nz, eta * dx + along * nx, eta * dy + along * ny,
+        eta * dz + along * nz, code, colors, counters, state,
     )  # fmt: skip
     if scattered:
         event = (event & _SELECT) | _GLOSSY_TRANSMISSION

@@ -6,8 +6,10 @@ It is held as a table over rho, a power law from node to node, so that its integ
 samples are exact for what is evaluated. The same table serves reflection (beta_0 of the mirrored
 ray) and transmission (beta_0 of the refracted ray, on its side).
 
-The scattered share of the light is the total integrated scatter TIS(angle of incidence); it is
-taken from the specular part. TIS is at most 1 at every angle: `radial_table` refuses more.
+The law is the BSDF itself: the scattered share of the light that arrives is the total integrated
+scatter TIS(angle of incidence) = ∫ f cos θ dΩ, whatever the surface reflects. It is taken from the
+specular light, so it is at most the specular reflectance, or transmittance
+(`tracer.scene.scatter_check`). `radial_table` refuses more than 1 at any angle.
 
 References
 ----------

@@ -71,9 +71,12 @@ class Glass:
         )
 
 
+_SHORT = {"pc": "polycarbonate", "ps": "polystyrene"}
+"""Abbreviations of ISO 1043 for plastics that the tables have by their full names."""
+
 _MEANT = {
-    "pc": "polycarbonate", "polycarb": "polycarbonate", "lexan": "polycarbonate",
-    "ps": "polystyrene", "acrylic": "pmma", "plexiglas": "pmma", "plexiglass": "pmma",
+    "polycarb": "polycarbonate", "lexan": "polycarbonate",
+    "acrylic": "pmma", "plexiglas": "pmma", "plexiglass": "pmma",
     "bk7": "n-bk7", "silica": "fused silica", "quartz glass": "fused silica",
     "sapphire": "sapphire o", "calcite": "calcite o", "quartz": "quartz o",
 }  # fmt: skip
@@ -124,7 +127,8 @@ def find_glass(name: str, maker: str | None = None) -> Glass:
 def find_shipped(name: str, maker: str | None = None) -> Glass | None:
     """As `find_glass`, from the shipped tables alone; None for a name that they do not have."""
     wanted, maker = _split(name, maker)
-    common = _shipped().get(_key(wanted))
+    key = _key(wanted)
+    common = _shipped().get(_SHORT.get(key, key))
     if common is not None and maker in (None, common.maker):
         return common
     row = find_row(wanted, maker)

@@ -46,6 +46,7 @@ from tracer.scene.meshes import SceneMeshes
 from tracer.scene.model import Scene
 from tracer.scene.rare_light import compile_rare_light
 from tracer.scene.resolve import resolve_bodies
+from tracer.scene.scatter_check import check_scatter
 from tracer.scene.sheets import warn_of_hidden_sheets
 from tracer.scene.source_faces import lift_off_faces
 from tracer.scene.sources import CompiledSources, SourceTable
@@ -190,6 +191,8 @@ class _Compiler:
             light_rays=sources.rays,
             views=detectors.views,
         )
+        surfaces = [name for name, _ in faces.surface_models()]
+        check_scatter(arrays, surfaces, self._channel_names(), scene.origin)
         return Compilation(
             scene=scene,
             arrays=arrays,
@@ -199,6 +202,11 @@ class _Compiler:
             departures=departures,
             solids=faces.shelf.finish(),
         )
+
+    def _channel_names(self) -> list[str]:
+        if self.scene.spectrum.kind == "rgb":
+            return ["R", "G", "B"]
+        return [f"{wavelength:g} nm" for wavelength in self.wavelengths]
 
     def _rare_light(self) -> RareLight | None:
         """What the weighted mode does differently, with the shapes that light is aimed at."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,13 +18,17 @@ from tracer.scene.fields import ByWavelength
 from tracer.scene.load import _nearest
 from tracer.scene.model import RGB_NM, MediumModel, Phase, Scene
 
-__all__ = ["MediumTable", "medium_table", "refractive_index"]
+__all__ = ["MediumTable", "MissingAbsorption", "medium_table", "refractive_index"]
 
 Array = NDArray[np.float64]
 
 """Millimetres in a scene unit."""
 
 _BUILT_IN = {"air": MediumModel(index=1.0), "vacuum": MediumModel(index=1.0)}  # type: ignore[arg-type]
+
+
+class MissingAbsorption(UserWarning):
+    """A material of the catalogue that comes without absorption: it is traced as if clear."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,6 +104,7 @@ def medium_table(scene: Scene, wavelengths_nm: Array) -> MediumTable:
             tables.append(table)
         if min(absorption[k].min(), scattering[k].min()) < 0.0:
             raise SceneError(f"{place}: absorption and scattering must not be negative")
+    _warn_of_missing_absorption(scene)
     extinction = absorption + scattering
     varied = (np.ptp(absorption, axis=1) > 0.0) | (np.ptp(scattering, axis=1) > 0.0)
     return MediumTable(
@@ -123,6 +129,27 @@ def medium_table(scene: Scene, wavelengths_nm: Array) -> MediumTable:
         tables=np.concatenate([*tables, np.zeros(1)]),
         origin=scene.origin,
     )
+
+
+def _warn_of_missing_absorption(scene: Scene) -> None:
+    """Name the media, as far as bodies consist of them, whose absorption nobody has said."""
+    used = {scene.world.medium, *(body.medium for body in scene.bodies.values())}
+    silent = [
+        f"{name!r} ({model.glass})"
+        for name, model in scene.media.items()
+        if name in used
+        and model.glass is not None
+        and model.absorption is None
+        and not _glass(model, f"{scene.origin}: media.{name}").transmittance.size
+    ]
+    if silent:
+        warnings.warn(
+            f"{scene.origin}: there are no data of the absorption of {', '.join(silent)}: light "
+            "loses nothing inside; give the medium an absorption (absorption = 0 where none is "
+            "meant)",
+            MissingAbsorption,
+            stacklevel=5,
+        )
 
 
 def _kind(model: MediumModel) -> str:

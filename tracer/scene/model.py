@@ -196,7 +196,8 @@ class SurfaceModel(Node):
     retroreflector : ``reflectance`` within ``spread_deg`` of the way back
     tabulated : measured scatter, ``reflected`` and ``transmitted``, the rest is absorbed
 
-    ``scatter`` takes its share of the specular light of a dielectric or mirror.
+    ``scatter`` is a BSDF of a dielectric or mirror; what it scatters is taken from their specular
+    light.
     """
 
     kind: Literal[

@@ -37,7 +37,7 @@ reflectance = 1
 roughness = 0.5
 [surfaces.polish]
 kind = "dielectric"
-scatter = { abg = [0.1, 0.3, 1.5] }
+scatter = { abg = [0.008, 0.3, 1.5] }
 [surfaces.half]
 kind = "dielectric"
 reflectance = { rgb = [0.3, 0.5, 0.1] }

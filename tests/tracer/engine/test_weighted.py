@@ -154,7 +154,7 @@ SCATTERERS = {
     "mirror with scatter": 'kind = "mirror"\nreflectance = 0.9\n'
     "scatter = { abg = [0.01, 0.01, 2] }",
     "polish": 'kind = "dielectric"\n'
-    "scatter = { harvey_shack = [0.3, 0.1, -1.8], reference_nm = 600 }",
+    "scatter = { harvey_shack = [0.1, 0.1, -1.8], reference_nm = 600 }",
     "measured": """kind = "tabulated"
 reflected = { theta_i_deg = [0, 90], theta_o_deg = [0, 45, 90], phi_deg = [0, 180], values = [
 [[0.1, 0.1], [0.15, 0.05], [0.0, 0.0]], [[0.1, 0.1], [0.15, 0.05], [0.0, 0.0]]] }

@@ -35,8 +35,10 @@ def test_n_bk7_as_the_maker_prints_it() -> None:
         ("S-BSL7", 1.51633, 64.14),
         ("fused silica", 1.45846, 67.82),
         ("PMMA", 1.4914, 57.4),
-        ("polycarbonate", 1.5848, 27.9),
-        ("polystyrene", 1.5916, 29.5),
+        ("PC", 1.585, 29.9),
+        ("PS", 1.5905, 30.9),
+        ("COC", 1.533, 56.0),
+        ("COP", 1.531, 56.0),
         ("water", 1.3334, 55.8),
         ("CaF2", 1.43384, 95.2),
         ("sapphire o", 1.76817, 72.2),
@@ -70,8 +72,9 @@ def test_unknown_names_show_the_nearest(monkeypatch: pytest.MonkeyPatch) -> None
     words = r"no glass 'N-BK77'; the nearest names are 'N-BK7', .* with the package opticalglass"
     with pytest.raises(SceneError, match=words):
         find_glass("N-BK77")
-    with pytest.raises(SceneError, match="no glass 'PC'; the nearest names are 'polycarbonate'"):
-        find_glass("PC")
+    with pytest.raises(SceneError, match="no glass 'lexan'; the nearest names are 'polycarbonate'"):
+        find_glass("lexan")
+    assert find_glass("pc").name == "polycarbonate"
     with pytest.raises(MissingExtra, match=r"'H-K9X' of CDGM.*pip install opticalglass"):
         find_glass("H-K9X", "CDGM")
     with pytest.raises(SceneError, match="no maker 'Zeiss'"):

@@ -1,0 +1,72 @@
+"""Media of the catalogue in a scene: what they absorb, and that it is said where nobody knows.
+
+Right values: what the sources in the data state (dB per metre of optical plastics; absorption of
+water by Hale and Querry's k of 1.96e-9 at 550 nm).
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+
+import pytest
+
+from raymap.events import Event
+from tests.tracer.engine.tracing import assert_share, compiled, trace
+from tracer.scene.media import MissingAbsorption
+
+ROD = """
+[spectrum]
+kind = "spectral"
+wavelengths_nm = [550]
+[media.m]
+{medium}
+[bodies.rod]
+kind = "cylinder"
+radius = 10
+length = 1000
+medium = "m"
+[sources.s]
+kind = "collimated"
+position = [0, 0, -5]
+direction = [0, 0, 1]
+diameter = 1
+"""
+
+
+@pytest.mark.parametrize(("name", "db_per_m"), [("PMMA", 0.15), ("PC", 0.5), ("PS", 0.11)])
+def test_a_metre_of_plastic_absorbs_its_published_share(name: str, db_per_m: float) -> None:
+    scene = compiled(ROD.format(medium=f'glass = "{name}"'))
+    found = trace(scene, 100_000)
+    n = scene.arrays.medium_f[2, 0]
+    back = ((n - 1.0) / (n + 1.0)) ** 2
+    kept = 10.0 ** (-db_per_m / 10.0)
+    # Through the front; on each way along the rod a share is absorbed, at each end some turns
+    expected = (1.0 - back) * (1.0 - kept) / (1.0 - back * kept)
+    assert_share(found.endings(Event.VOLUME_ABSORPTION), 100_000, expected)
+
+
+def test_water_absorbs_by_the_measured_extinction() -> None:
+    scene = compiled(ROD.format(medium='glass = "water"'))
+    expected = 4.0 * math.pi * 1.96e-9 / 550e-6
+    assert scene.channel_set.absorption[2][0] == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.parametrize("name", ["COP", "COC", "SAN", "diamond", "MgF2 o"])
+def test_a_material_without_data_of_absorption_says_so_once(name: str) -> None:
+    with pytest.warns(
+        MissingAbsorption, match=f"absorption of 'm' .{name}.*absorption = 0"
+    ) as said:
+        compiled(ROD.format(medium=f'glass = "{name}"'))
+    assert len(said) == 1
+
+
+@pytest.mark.parametrize(
+    "medium", ['glass = "COP"\nabsorption = 0', 'glass = "fused silica"', "index = 1.5"]
+)
+def test_nothing_is_said_where_the_absorption_is_known(medium: str) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        compiled(ROD.format(medium=medium))
+        # Nor of a medium that nothing consists of
+        compiled(ROD.format(medium="index = 1.5") + '[media.spare]\nglass = "COP"')
