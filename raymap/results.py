@@ -13,9 +13,13 @@ from raymap.chunks import Chunk, MapFile
 from raymap.directory import Directory
 from raymap.errors import FormatError
 from raymap.layout import DETECTOR, pack_chunk_header
+from raymap.scratch import lazy_zeros
 from raymap.streams import StreamSet
 
 __all__ = ["DetectorResult", "pack_result", "read_result"]
+
+_SPARSE = 8
+"""Where fewer than one in so many cells were lit, only those are stored."""
 
 _META = struct.Struct("<IIQQIII")
 
@@ -49,8 +53,13 @@ def pack_result(result: DetectorResult) -> list[Any]:
         *result.sums.shape,
     )
     streams = StreamSet()
-    streams.add("sums", result.sums.reshape(-1))
-    streams.add("sums2", result.sums2.reshape(-1))
+    sums, sums2 = (array.reshape(-1, array.shape[2]) for array in (result.sums, result.sums2))
+    lit = _lit_cells(sums)
+    if _SPARSE * len(lit) < len(sums):
+        streams.add("cells", lit.astype(np.uint32))
+        sums, sums2 = _rows(sums, lit), _rows(sums2, lit)
+    streams.add("sums", sums.reshape(-1))
+    streams.add("sums2", sums2.reshape(-1))
     return [pack_chunk_header(DETECTOR, meta, streams.entries), *streams.buffers]
 
 
@@ -72,13 +81,47 @@ def read_result(
     cells = directory.detectors[detector].cells
     if tuple(shape) != (cells[1], cells[0], channels[channel_set]):
         raise FormatError("detector result has another size than its detector")
-    n = int(np.prod(shape, dtype=np.int64)) if data else 0
-    empty = np.empty((0, 0, 0))
+    sums, sums2 = _arrays(file, chunk, shape) if data else (np.empty((0, 0, 0)),) * 2
     return DetectorResult(
         detector=detector,
         channel_set=channel_set,
         first_portion=first,
         end_portion=end,
-        sums=file.column(chunk, "sums", n, np.float64).reshape(shape) if data else empty,
-        sums2=file.column(chunk, "sums2", n, np.float64).reshape(shape) if data else empty,
+        sums=sums,
+        sums2=sums2,
     )
+
+
+def _arrays(
+    file: MapFile, chunk: Chunk, shape: list[int]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Both sums, all cells of them."""
+    n_cells, n_channels = shape[0] * shape[1], shape[2]
+    if all(entry.name != "cells" for entry in chunk.header.streams):
+        n = n_cells * n_channels
+        first, second = (file.column(chunk, name, n, np.float64) for name in ("sums", "sums2"))
+        return first.reshape(shape), second.reshape(shape)
+    cells = file.column(chunk, "cells", None, np.int64)
+    rising = np.all(np.diff(cells) > 0) and (not len(cells) or 0 <= cells[0] <= cells[-1] < n_cells)
+    if not rising:
+        raise FormatError("detector result names cells that do not exist, or not in order")
+    n = len(cells) * n_channels
+    whole = []
+    for name in ("sums", "sums2"):
+        array = lazy_zeros((n_cells, n_channels))
+        array[cells] = file.column(chunk, name, n, np.float64).reshape(-1, n_channels)
+        whole.append(array.reshape(shape))
+    return whole[0], whole[1]
+
+
+def _rows(array: NDArray[np.float64], cells: NDArray[np.int64]) -> NDArray[np.float64]:
+    """The rows of some cells."""
+    return np.asarray(array[cells])
+
+
+def _lit_cells(sums: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Rows in which anything was counted."""
+    lit = np.zeros(len(sums), np.bool_)
+    for channel in range(sums.shape[1]):
+        lit |= sums[:, channel] != 0.0
+    return np.flatnonzero(lit)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
+import mmap
 import threading
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BufferPool", "scratch"]
+__all__ = ["BufferPool", "lazy_zeros", "scratch"]
 
 _KEPT_BYTES = 2**26
 _local = threading.local()
@@ -28,6 +30,27 @@ def scratch(name: str, n: int, dtype: Any) -> NDArray[Any]:
     if name not in kept or kept[name].size < size:
         kept[name] = np.empty(size + size // 4, np.uint8)
     return kept[name][:size].view(wanted)
+
+
+def lazy_zeros(shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Zeros (float64) that cost memory only where they are written.
+
+    NumPy asks for pages of megabytes for its own large arrays; a few scattered values would then
+    take all of them.
+
+    Raises
+    ------
+    MemoryError
+        So much cannot even be addressed.
+    """
+    size = 8 * math.prod(shape)
+    if size <= _KEPT_BYTES:
+        return np.zeros(shape)
+    try:
+        pages = mmap.mmap(-1, size)
+    except (OSError, OverflowError, ValueError):
+        raise MemoryError(f"{size} bytes cannot be had") from None
+    return np.frombuffer(pages, np.float64).reshape(shape)
 
 
 class BufferPool:

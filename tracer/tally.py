@@ -9,6 +9,7 @@ finish. What several rays of one emission bring to one place is added up before 
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from raymap.kernels import inner_kernel, lean_kernel
 from raymap.photometry import Photometry
 from raymap.portion import Portion
 from raymap.schema import COLOR_SCALE
+from raymap.scratch import lazy_zeros
 from tracer.counts import Count, Counts, DetectorCount
 from tracer.geometry.kinds import F64, I64, Integer
 
@@ -34,6 +36,9 @@ _SURFACE = int(Event.SURFACE_ABSORPTION)
 _VOLUME = int(Event.VOLUME_ABSORPTION)
 _LEAVING = int(Event.LEFT_SCENE)
 _STOP = int(Event.DEPTH_LIMIT | Event.ROULETTE_KILL)
+
+_BLOCK = 2**12
+"""Cells that are looked at together: memory of blocks that no light has met is never touched."""
 
 _MOST_VALUES = 2**24
 """Beyond so many values sources that are given the same flux and share are summed together."""
@@ -85,12 +90,13 @@ class Tally:
         self.endings = np.zeros((3, len(self.fluxes), len(CLASSES)))
         self._taken = np.zeros((3, n_groups, n_takers))
         self._whole = np.zeros((3, n_groups, n_detectors))
-        self._sums = np.zeros((n_groups, n_cells, self.n_channels))
-        self._sums2 = np.zeros((n_groups, n_cells, self.n_channels))
-        self._squares = np.zeros((n_groups, n_cells))
+        self._sums = lazy_zeros((n_groups, n_cells, self.n_channels))
+        self._sums2 = lazy_zeros((n_groups, n_cells, self.n_channels))
+        self._squares = lazy_zeros((n_groups, n_cells))
+        self._touched = np.zeros(-(-n_cells // _BLOCK), np.uint8)
         self._last_place, self._part_place = np.zeros(places, np.int64), np.zeros(places)
-        self._last_cell = np.zeros(n_cells, np.int64)
-        self._part_cell = np.zeros((n_cells, self.n_channels))
+        self._last_cell = lazy_zeros((n_cells,)).view(np.int64)
+        self._part_cell = lazy_zeros((n_cells, self.n_channels))
 
     def _groups(self, per_group: int) -> NDArray[np.int64]:
         """Number of the sums that each source adds to."""
@@ -126,9 +132,9 @@ class Tally:
                     portion.color_code, portion.color_table, weights, emissions,
                     portion.descriptors.detector, portion.descriptors.cell,
                     portion.descriptors.registered, self._cells, self._first, self.group,
-                    self._worth,
-                    self._sums, self._sums2, self._squares, self._whole, self._last_cell,
-                    self._part_cell, self._last_place, self._part_place, before,
+                    self._worth, self._sums, self._sums2, self._squares, self._touched,
+                    self._whole, self._last_cell, self._part_cell, self._last_place,
+                    self._part_place, before,
                 )  # fmt: skip
 
     # -- what was counted ------------------------------------------------------------------------
@@ -155,20 +161,30 @@ class Tally:
     def detector(self, number: int) -> DetectorCount:
         """What a detector counted."""
         n_u, n_v = self._cells[number].tolist()
-        part = slice(int(self._first[number]), int(self._first[number + 1]))
-        by_channel = self._sums[:, part] / COLOR_SCALE
+        first, n = int(self._first[number]), n_u * n_v
+        n_groups, n_channels = len(self._sums), self.n_channels
+        by_channel, cells = lazy_zeros((n_groups, n, n_channels)), lazy_zeros((n_groups, n))
+        squares, sums2 = lazy_zeros((n_groups, n)), lazy_zeros((n_groups, n, n_channels))
+        for low, high in self._lit(first, first + n):
+            part, own = slice(low, high), slice(low - first, high - first)
+            by_channel[:, own] = self._sums[:, part] / COLOR_SCALE
+            cells[:, own] = _all_channels(by_channel[:, own], self._worth_of_group)
+            squares[:, own] = self._squares[:, part] / COLOR_SCALE**2
+            sums2[:, own] = self._sums2[:, part] / COLOR_SCALE**2
         return DetectorCount(
-            cells=self._count(
-                _all_channels(by_channel, self._worth_of_group).reshape(-1, n_v, n_u),
-                self._squares[:, part].reshape(-1, n_v, n_u) / COLOR_SCALE**2,
-            ),
+            cells=self._count(cells.reshape(-1, n_v, n_u), squares.reshape(-1, n_v, n_u)),
             whole=self._count(*self._whole[1:, :, number].copy()),
-            by_channel=by_channel.reshape(-1, n_v, n_u, self.n_channels),
-            squares_by_channel=self._sums2[:, part].reshape(-1, n_v, n_u, self.n_channels)
-            / COLOR_SCALE**2,
+            by_channel=by_channel.reshape(-1, n_v, n_u, n_channels),
+            squares_by_channel=sums2.reshape(-1, n_v, n_u, n_channels),
             worth=self._worth_of_group,
             radiant=self._radiant,
         )
+
+    def _lit(self, first: int, end: int) -> Iterator[tuple[int, int]]:
+        """Runs of cells from ``first`` to ``end`` outside of which no light was registered."""
+        blocks = np.flatnonzero(self._touched[first // _BLOCK : -(-end // _BLOCK)])
+        for block in (blocks + first // _BLOCK).tolist():
+            yield max(first, block * _BLOCK), min(end, (block + 1) * _BLOCK)
 
     def detector_sums(self, number: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Σ w c and Σ over emissions of (Σ w c)², each (cells_v, cells_u, n_channels)."""
@@ -304,7 +320,8 @@ def _add_endings(
 def _add_meetings(
     source: Any, records_per_ray: Any, descriptor_count: Any, color_code: Any, color_table: Any,
     weights: F64, emissions: I64, detector: Any, cell: Any, registered: Any, cells: I64,
-    first: I64, group: I64, worth: F64, sums: F64, sums2: F64, squares: F64, whole: F64,
+    first: I64, group: I64, worth: F64, sums: F64, sums2: F64, squares: F64, touched: Any,
+    whole: F64,
     last_cell: I64, part_cell: F64, last: I64, part: F64, number: int,
 ) -> None:  # fmt: skip
     """Add what the detectors registered.
@@ -332,6 +349,7 @@ def _add_meetings(
                     _bring(whole, g, seen, beside + seen, last, part, number, weight, y)
                     place = first[seen]
                     place += np.int64(cell[d, 1]) * cells[seen, 0] + np.int64(cell[d, 0])
+                    touched[place // _BLOCK] = 1
                     met += 1
                     if met == 1:
                         first_place, first_code, first_weight = int(place), int(code), weight
