@@ -1,5 +1,7 @@
 r"""Names with wildcards: ``*`` any characters, ``?`` one; matched without backtracking.
 
+Patterns of scene files know classes as the shell does, too: ``[34]``, ``[a-f]``, ``[!0-9]``.
+
 A pattern is a row of pieces between stars. The first piece begins the name, the last one ends it,
 and each other one is found at the earliest place after the one before: taking it later could not
 make the rest fit better. So no place is tried twice for the sake of another piece, and a pattern
@@ -12,7 +14,26 @@ from collections.abc import Iterator
 
 __all__ = ["Wildcard", "characters"]
 
-_Piece = tuple[str | None, ...]
+
+class _Class:
+    """One character of a class in brackets."""
+
+    def __init__(self, inside: str) -> None:
+        self.negated = inside.startswith("!")
+        rest = inside[self.negated :]
+        ranges = []
+        while rest:
+            wide = len(rest) > 2 and rest[1] == "-"
+            ranges.append((rest[0], rest[2] if wide else rest[0]))
+            rest = rest[3 if wide else 1 :]
+        self.ranges = tuple(ranges)
+
+    def holds(self, character: str) -> bool:
+        return any(low <= character <= high for low, high in self.ranges) != self.negated
+
+
+_Element = str | _Class | None
+_Piece = tuple[_Element, ...]
 
 
 def characters(pattern: str) -> Iterator[tuple[str, bool]]:
@@ -32,17 +53,17 @@ class Wildcard:
 
     Parameters
     ----------
-    escapes : a backslash takes the meaning from the character behind it
+    escapes : a backslash takes the meaning from the character behind it, and brackets are
+        characters of names; without, brackets enclose a class and a backslash is a character
     """
 
     def __init__(self, pattern: str, *, escapes: bool = True) -> None:
-        read = characters(pattern) if escapes else ((c, False) for c in pattern)
-        pieces: list[list[str | None]] = [[]]
-        for character, escaped in read:
-            if character == "*" and not escaped:
+        pieces: list[list[_Element]] = [[]]
+        for element in _escaped(pattern) if escapes else _of_the_shell(pattern):
+            if element is _STARS:
                 pieces.append([])
             else:
-                pieces[-1].append(None if character == "?" and not escaped else character)
+                pieces[-1].append(element)
         self._first, *rest = (tuple(piece) for piece in pieces)
         self._last: _Piece | None = rest.pop() if rest else None
         self._between = [_Finder(piece) for piece in rest if piece]
@@ -69,7 +90,7 @@ class _Finder:
     def __init__(self, piece: _Piece) -> None:
         self.length = len(piece)
         self._piece = piece
-        self._text = "".join(c for c in piece if c is not None)
+        self._text = "".join(c for c in piece if isinstance(c, str))
         self._literal = len(self._text) == len(piece)
 
     def find(self, name: str, start: int) -> int:
@@ -83,4 +104,33 @@ class _Finder:
 def _fits(piece: _Piece, name: str, place: int) -> bool:
     if place < 0 or place + len(piece) > len(name):
         return False
-    return all(c is None or c == name[place + k] for k, c in enumerate(piece))
+    return all(_is(element, name[place + k]) for k, element in enumerate(piece))
+
+
+def _is(element: _Element, character: str) -> bool:
+    if isinstance(element, _Class):
+        return element.holds(character)
+    return element is None or element == character
+
+
+_STARS = _Class("")
+
+
+def _escaped(pattern: str) -> Iterator[_Element]:
+    for character, escaped in characters(pattern):
+        yield character if escaped else {"*": _STARS, "?": None}.get(character, character)
+
+
+def _of_the_shell(pattern: str) -> Iterator[_Element]:
+    place = 0
+    while place < len(pattern):
+        character = pattern[place]
+        # A bracket right behind the opening one, or behind "!", stands for itself
+        first = place + (3 if pattern.startswith("[!", place) else 2)
+        end = pattern.find("]", first) if character == "[" else -1
+        if end > 0:
+            yield _Class(pattern[place + 1 : end])
+            place = end
+        else:
+            yield {"*": _STARS, "?": None}.get(character, character)
+        place += 1

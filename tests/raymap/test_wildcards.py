@@ -25,6 +25,17 @@ def test_wildcards_match_what_shell_patterns_match(pattern, name):
     assert Wildcard(pattern).matches(name) == fnmatch.fnmatchcase(name, pattern)
 
 
+@given(st.text("ab*?[]!-c", max_size=10), st.text("abc-[]!", max_size=10))
+def test_patterns_of_scenes_know_classes_as_the_shell_does(pattern, name):
+    assert Wildcard(pattern, escapes=False).matches(name) == fnmatch.fnmatchcase(name, pattern)
+
+
+def test_classes_in_scenes_and_brackets_in_criteria():
+    assert Wildcard("face_[3-5]", escapes=False).matches("face_4")
+    assert not Wildcard("face_[!3-5]", escapes=False).matches("face_4")
+    assert Wildcard("dot[3]").matches("dot[3]")
+
+
 @given(st.text(max_size=20))
 def test_an_escaped_name_matches_itself_alone(name):
     pattern = "".join("\\" + character for character in name)
