@@ -1,11 +1,13 @@
-"""Who may ask: a token with every call, over TLS where the network is not this machine."""
+"""Who asks: a token with every call, over TLS where the network is not this machine."""
 
 from __future__ import annotations
 
 import os
 import secrets
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +15,16 @@ import pyarrow.flight as flight
 
 from raymap.errors import RayMapError
 from raymap.protocol import TOKEN_HEADER, TOKEN_VARIABLE, encode_error
+from service.rights import EVERYTHING, Grant
+from service.tokens import TokenFile, digest_of
 
-__all__ = ["NoAccess", "Tls", "TokenCheck", "choose_token", "is_local"]
+__all__ = ["Caller", "NoAccess", "Tls", "TokenCheck", "choose_token", "is_local"]
 
 LEAST_TOKEN = 16
+_BEARER = b"Bearer "
+_MOST_HEADERS = 8
+_LOOK_SECONDS = 1.0
+"""How soon a running call ends whose token was withdrawn."""
 
 
 class NoAccess(RayMapError, PermissionError):
@@ -49,14 +57,49 @@ class Tls:
         return cls(*parts)
 
 
-class TokenCheck(flight.ServerMiddlewareFactory):  # type: ignore[misc]
-    """Turns away every call that does not carry the token."""
+class Caller(flight.ServerMiddleware):  # type: ignore[misc]
+    """Who makes a call: what the token allows, and whether it still does.
 
-    def __init__(self, token: str) -> None:
+    Attributes
+    ----------
+    grant : what the token allowed when the call began
+    """
+
+    def __init__(self, grant: Grant, look: Callable[[], Grant | None]) -> None:
         super().__init__()
-        self._expected = f"Bearer {token}".encode()
+        self.grant = grant
+        self._look = look
+        self._next = time.monotonic() + _LOOK_SECONDS
 
-    def start_call(self, info: Any, headers: Mapping[str, Sequence[Any]]) -> None:
+    def valid(self) -> bool:
+        """Whether the token was not withdrawn meanwhile, looked up once a second."""
+        if time.monotonic() >= self._next:
+            found = self._look()
+            if found is None or found != self.grant:
+                return False
+            self._next = time.monotonic() + _LOOK_SECONDS
+        return True
+
+
+class TokenCheck(flight.ServerMiddlewareFactory):  # type: ignore[misc]
+    """Turns away every call that does not carry a token.
+
+    Parameters
+    ----------
+    token : that allows everything, or None for none
+    tokens : further ones with their rights
+    refused : told of each call that is turned away
+    """
+
+    def __init__(
+        self, token: str | None, tokens: TokenFile | None, refused: Callable[[], None]
+    ) -> None:
+        super().__init__()
+        # Only digests are held: a picture of the memory or a traceback shows no token
+        self._all = None if token is None else digest_of(token.encode())
+        self._tokens, self._refused = tokens, refused
+
+    def start_call(self, info: Any, headers: Mapping[str, Sequence[Any]]) -> Caller:
         """Look at the headers of a call."""
         given = [
             value if isinstance(value, bytes) else str(value).encode()
@@ -64,16 +107,33 @@ class TokenCheck(flight.ServerMiddlewareFactory):  # type: ignore[misc]
             if name.lower() == TOKEN_HEADER
             for value in values
         ]
-        if not any(secrets.compare_digest(value, self._expected) for value in given):
-            error = NoAccess(
-                "this service wants its token with every call, as the header "
-                "'authorization: Bearer TOKEN'; `raymap serve` printed it"
-            )
-            raise flight.FlightUnauthenticatedError(str(error), encode_error(error))
+        for value in given[:_MOST_HEADERS]:
+            if value.startswith(_BEARER):
+                digest = digest_of(value[len(_BEARER) :])
+                grant = self._grant(digest)
+                if grant is not None:
+                    return Caller(grant, partial(self._grant, digest))
+        self._refused()
+        error = NoAccess(
+            "this service wants its token with every call, as the header "
+            "'authorization: Bearer TOKEN'; `raymap serve` or `raymap token add` printed it"
+        )
+        raise flight.FlightUnauthenticatedError(str(error), encode_error(error))
+
+    def _grant(self, digest: str) -> Grant | None:
+        """What the token of a digest allows now."""
+        if self._all is not None and secrets.compare_digest(digest, self._all):
+            return EVERYTHING
+        return None if self._tokens is None else self._tokens.find(digest)
 
 
-def choose_token(file: Path | None) -> str:
-    """The token of the environment or of a file, else a new one.
+def choose_token(file: Path | None, *, invent: bool = True) -> str | None:
+    """The token that allows everything: of a file or of the environment, else a new one.
+
+    Parameters
+    ----------
+    file : that holds it
+    invent : make a new one where none is given
 
     Raises
     ------
@@ -89,7 +149,7 @@ def choose_token(file: Path | None) -> str:
         except (OSError, UnicodeDecodeError) as error:
             raise RayMapError(f"the token file {file} cannot be read: {error}") from None
     elif not token:
-        return secrets.token_urlsafe(24)
+        return secrets.token_urlsafe(24) if invent else None
     if len(token) < LEAST_TOKEN or not token.isascii() or not token.isprintable():
         raise RayMapError(
             f"the token in {place} is not {LEAST_TOKEN} or more plain ASCII characters; "

@@ -40,6 +40,16 @@ class Applications:
         self._opened: dict[str, _Opened] = {}
         self._lock = threading.Lock()
 
+    def __len__(self) -> int:
+        """Applications that are open."""
+        return len(self._opened)
+
+    def map_of(self, key: object) -> str | None:
+        """Name of the map that an application shows; None if there is no such application."""
+        with self._lock:
+            opened = self._opened.get(key) if isinstance(key, str) else None
+        return None if opened is None else opened.name
+
     def open(self, request: Request) -> dict[str, Any]:
         """Open the application; answers its key and its address.
 

@@ -1,4 +1,4 @@
-"""The command ``raymap serve``."""
+"""The command ``raymap serve``, and ``raymap token`` for those who may ask it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from raymap.cli import Panel, emit_json
+from raymap.cli import Json, Panel, emit_json
 
 __all__ = ["register"]
 
@@ -15,6 +15,10 @@ __all__ = ["register"]
 def register(app: typer.Typer) -> None:
     """Hang the command on the application."""
     app.command("serve", rich_help_panel=Panel.FILES)(serve)
+    group = typer.Typer(no_args_is_help=True, help="Make, list and withdraw tokens of the service.")
+    for name, command in (("add", add_token), ("list", list_tokens), ("remove", remove_token)):
+        group.command(name)(command)
+    app.add_typer(group, name="token", rich_help_panel=Panel.FILES)
 
 
 def serve(
@@ -26,6 +30,10 @@ def serve(
     token_file: Annotated[
         Path | None,
         typer.Option(help="File with the token; else the variable RAYMAP_TOKEN, else a new one."),
+    ] = None,
+    tokens: Annotated[
+        Path | None,
+        typer.Option(help="File of further tokens, as `raymap token add` makes them."),
     ] = None,
     tls_certificate: Annotated[Path | None, typer.Option(help="Certificate chain (PEM).")] = None,
     tls_key: Annotated[Path | None, typer.Option(help="Private key (PEM).")] = None,
@@ -42,6 +50,17 @@ def serve(
     record_seconds: Annotated[
         float, typer.Option(min=0.1, help="Time limit of a recording [s].")
     ] = 24 * 3600.0,
+    metrics_port: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            max=65535,
+            help="Port of /metrics and /health, on this machine only.",
+        ),
+    ] = None,
+    stop_seconds: Annotated[
+        float, typer.Option(min=0.0, help="What answers under way may take after SIGTERM [s].")
+    ] = 30.0,
     no_browser: Annotated[
         bool, typer.Option("--no-browser", help="Never open a browser for a client.")
     ] = False,
@@ -53,15 +72,18 @@ def serve(
     from raymap.errors import RayMapError
     from service.access import Tls, choose_token
     from service.limits import Limits
+    from service.metrics import MetricsServer
     from service.server import RaymapService
     from service.server import serve as run
+    from service.tokens import TokenFile
 
     if (tls_certificate is None) != (tls_key is None):
         raise RayMapError("TLS takes both --tls-certificate and --tls-key")
     tls = None
     if tls_certificate is not None and tls_key is not None:
         tls = Tls.read(tls_certificate, tls_key)
-    token = choose_token(token_file)
+    # Where others were made, there is none for everything unless it is given
+    token = choose_token(token_file, invent=tokens is None)
     service = RaymapService(
         folder,
         token,
@@ -74,15 +96,90 @@ def serve(
         ),
         threads=threads,
         browser=not no_browser,
+        tokens=None if tokens is None else TokenFile(tokens),
     )
+    told = None if metrics_port is None else MetricsServer(service.metrics, metrics_port)
+    place = str(folder.resolve())
     if json:
         import sys
 
-        emit_json({"address": service.address, "token": token, "folder": str(folder.resolve())})
+        answer = {"address": service.address, "token": token, "folder": place}
+        emit_json(answer if told is None else {**answer, "metrics": told.address})
         sys.stdout.flush()
     else:
+        shown = "…" if token is None else token
+        metrics = "" if told is None else f"Metrics at {told.address}/metrics\n"
         typer.echo(
-            f"Raymap serves {folder.resolve()} at {service.address}\n"
-            f'  raymap.connect("{service.address}", token="{token}")\nPress Ctrl-C to stop.'
+            f"Raymap serves {place} at {service.address}\n"
+            f'  raymap.connect("{service.address}", token="{shown}")\n{metrics}'
+            "Press Ctrl-C to stop."
         )
-    run(service)
+    try:
+        run(service, stop_seconds=stop_seconds)
+    finally:
+        if told is not None:
+            told.close()
+
+
+TokensFile = Annotated[
+    Path | None,
+    typer.Option("--tokens", help="File of the tokens; else one in your configuration folder."),
+]
+
+
+def add_token(
+    name: Annotated[str, typer.Argument(help="Who gets it, or what for.")],
+    rights: Annotated[
+        str, typer.Option(help="ask, record, write; several with commas between.")
+    ] = "ask",
+    map: Annotated[
+        list[str] | None,
+        typer.Option("--map", help="Only this map of the served folder; may be given again."),
+    ] = None,
+    days: Annotated[
+        float | None, typer.Option(min=0.0, help="It expires after so many days.")
+    ] = None,
+    tokens: TokensFile = None,
+) -> None:
+    """Make a token and print it, this once: only its digest is kept."""
+    import time
+
+    from service.rights import read_rights
+    from service.tokens import TokenFile, default_token_file
+
+    file = TokenFile(tokens or default_token_file())
+    expires = None if days is None else time.time() + 86400 * days
+    maps = tuple(dict.fromkeys(map)) if map else None
+    token = file.add(name, read_rights(rights.split(",")), maps=maps, expires=expires)
+    typer.echo(f"{name!r} is kept in {file.path}", err=True)
+    typer.echo(token)
+
+
+def list_tokens(tokens: TokensFile = None, json: Json = False) -> None:
+    """List names, rights, maps and times of the tokens."""
+    import time
+
+    from service.tokens import TokenFile, default_token_file
+
+    rows = TokenFile(tokens or default_token_file()).rows()
+    if json:
+        emit_json({"tokens": rows})
+        return
+    for row in rows:
+        end = "never expires"
+        if row["expires"] is not None:
+            day = time.strftime("%Y-%m-%d %H:%M", time.localtime(row["expires"]))
+            end = f"expired {day}" if row["expires"] <= time.time() else f"expires {day}"
+        where = "all maps" if row["maps"] is None else ", ".join(row["maps"])
+        typer.echo(f"{row['name']}: {', '.join(row['rights'])}; {where}; {end}")
+
+
+def remove_token(
+    name: Annotated[str, typer.Argument(help="Of the token.")], tokens: TokensFile = None
+) -> None:
+    """Withdraw a token; running services refuse it at once."""
+    from service.tokens import TokenFile, default_token_file
+
+    file = TokenFile(tokens or default_token_file())
+    file.remove(name)
+    typer.echo(f"{name!r} is withdrawn from {file.path}")

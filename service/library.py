@@ -45,6 +45,10 @@ class Library:
         self._shelf: dict[str, _Shelved] = {}
         self._lock = threading.Lock()
 
+    def __len__(self) -> int:
+        """Maps that are open."""
+        return len(self._shelf)
+
     @contextmanager
     def map(self, name: str) -> Iterator[RayMap]:
         """The map of a name, open as long as it is read.

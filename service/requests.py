@@ -41,6 +41,10 @@ class Request:
             raise BadRequest(f"{what}: a request is a JSON object, not {type(fields).__name__}")
         self._fields: dict[str, Any] = fields
 
+    def fields(self) -> dict[str, Any]:
+        """What was sent, not yet checked."""
+        return dict(self._fields)
+
     def _take(self, key: str, kind: type | tuple[type, ...], expected: str, default: Any) -> Any:
         value = self._fields.pop(key, None)
         if value is None:

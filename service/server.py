@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import signal
 import sys
 import threading
+import time
 import traceback
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -18,13 +20,17 @@ from raymap.errors import RayMapError
 from raymap.protocol import PROTOCOL, encode_error
 from service.access import Tls, TokenCheck, is_local
 from service.applications import Applications
+from service.calls import Calls
 from service.confine import ServedFolder
 from service.library import Library
 from service.limits import Busy, Gate, Limits, OutOfTime
+from service.metrics import Metrics
 from service.questions import Questions
 from service.recording import record_events
 from service.requests import BadRequest, Request
+from service.rights import Grant, NotAllowed
 from service.streams import STREAMS, Answer, Streams
+from service.tokens import TokenFile
 from service.uploads import take_file
 
 __all__ = ["RaymapService", "serve"]
@@ -44,6 +50,8 @@ ACTIONS = {
 }
 
 _LONGEST_MESSAGE = 1500
+_LAST_SECONDS = 10.0
+"""What is told to end at a stop may take so long."""
 
 
 class RaymapService(flight.FlightServerBase):  # type: ignore[misc]
@@ -52,13 +60,14 @@ class RaymapService(flight.FlightServerBase):  # type: ignore[misc]
     Parameters
     ----------
     folder : whose maps and scenes are served
-    token : that every call must carry
+    token : that allows everything; None if only those of ``tokens`` count
     host, port : where to listen; port 0 takes a free one
     tls : certificate and key; without them only this machine is served
     without_tls : serve other machines without TLS all the same
     limits : what requests may cost
     threads : of a search or a recording; all processors by default
     browser : clients may open a browser on this machine
+    tokens : file of further tokens with their rights
 
     Raises
     ------
@@ -69,7 +78,7 @@ class RaymapService(flight.FlightServerBase):  # type: ignore[misc]
     def __init__(
         self,
         folder: str | Path,
-        token: str,
+        token: str | None,
         *,
         host: str = "localhost",
         port: int = 0,
@@ -78,6 +87,7 @@ class RaymapService(flight.FlightServerBase):  # type: ignore[misc]
         limits: Limits | None = None,
         threads: int | None = None,
         browser: bool = True,
+        tokens: TokenFile | None = None,
     ) -> None:
         if tls is None and not is_local(host) and not without_tls:
             raise RayMapError(
@@ -93,6 +103,21 @@ class RaymapService(flight.FlightServerBase):  # type: ignore[misc]
         self._questions = Questions(self.folder, self.library, searches, threads)
         self._streams = Streams(self.library, searches, threads)
         self.applications = Applications(self.library, self.limits, browser=browser)
+        self.metrics = Metrics(
+            {
+                "maps_open": ("Maps that are open.", lambda: float(len(self.library))),
+                "applications_open": (
+                    "Applications that are open.",
+                    lambda: float(len(self.applications)),
+                ),
+            }
+        )
+        self.calls = Calls(self.metrics)
+        self._ended = threading.Event()
+        if token is None and tokens is None:
+            raise RayMapError("a service without any token answers nobody: give one")
+        if tokens is not None:
+            tokens.check()
         self._scheme = "grpc" if tls is None else "grpc+tls"
         self._host = host
         certificates = None if tls is None else [(tls.certificate, tls.key)]
@@ -100,7 +125,7 @@ class RaymapService(flight.FlightServerBase):  # type: ignore[misc]
             super().__init__(
                 f"{self._scheme}://{host}:{port}",
                 tls_certificates=certificates,
-                middleware={"token": TokenCheck(token)},
+                middleware={"token": TokenCheck(token, tokens, self.metrics.refuse)},
             )
         except (pa.ArrowException, OSError) as error:
             line = str(error).splitlines()[0]
@@ -118,6 +143,19 @@ class RaymapService(flight.FlightServerBase):  # type: ignore[misc]
         self.applications.close()
         self.library.close()
 
+    def notice(self) -> None:
+        """Let `wait` return; a handler of signals may call it."""
+        self._ended.set()
+
+    def shutdown(self) -> None:
+        """End it, after the calls under way."""
+        self._ended.set()
+        super().shutdown()
+
+    def wait(self) -> None:
+        """Wait until it is shut down, or until `notice`."""
+        self._ended.wait()
+
     # -- calls ---------------------------------------------------------------------------------
 
     def list_actions(self, context: Any) -> list[tuple[str, str]]:
@@ -126,31 +164,64 @@ class RaymapService(flight.FlightServerBase):  # type: ignore[misc]
 
     def do_action(self, context: Any, action: Any) -> Iterator[bytes]:
         """Answer with JSON objects: one, or several while something runs."""
+        caller = context.get_middleware("token")
         try:
-            for answer in self._act(action.type, action.body, context.is_cancelled):
-                yield json.dumps(answer, default=_plain).encode()
+            with self.calls.under_way(action.type, caller, context.is_cancelled) as gone:
+                for answer in self._act(action.type, action.body, caller.grant, gone):
+                    body = json.dumps(answer, default=_plain).encode()
+                    self.metrics.transfer("sent", len(body))
+                    yield body
         except GeneratorExit:
             raise
         except BaseException as error:
             raise _refusal(error, self.folder) from None
 
-    def _act(self, kind: str, body: Any, gone: Callable[[], bool]) -> Iterator[dict[str, Any]]:
+    def _act(
+        self, kind: str, body: Any, grant: Grant, gone: Callable[[], bool]
+    ) -> Iterator[dict[str, Any]]:
         if kind not in ACTIONS:
             raise BadRequest(f"there is no action {kind[:40]!r}; there are {', '.join(ACTIONS)}")
-        request = Request(_bytes(body, self.limits), self.limits, kind)
+        request = self._request(body, kind)
+        self._check(grant, kind, request)
         if kind == "record":
             yield from record_events(request, self.folder, self._recordings, self.threads, gone)
         elif kind == "hello":
             request.finish()
-            yield self._hello()
+            yield {**self._hello(), "rights": sorted(grant.rights), "maps": grant.maps}
         elif kind == "view":
             yield self.applications.open(request)
         elif kind == "drawn":
             yield self.applications.drawn(request, gone)
         elif kind == "close_view":
             yield self.applications.close_view(request)
+        elif kind == "files":
+            answer = self._questions.files(request, gone)
+            yield {"files": [row for row in answer["files"] if self._shows(grant, row)]}
         else:
             yield getattr(self._questions, kind)(request, gone)
+
+    def _request(self, body: Any, what: str) -> Request:
+        request = Request(_bytes(body, self.limits), self.limits, what)
+        self.metrics.transfer("received", len(body) if isinstance(body, bytes) else body.size)
+        return request
+
+    def _check(self, grant: Grant, call: str, request: Request) -> None:
+        """Refuse what the token does not allow, also by the key of an application.
+
+        Raises
+        ------
+        NotAllowed, OutsideFolder
+        """
+        fields = request.fields()
+        grant.check(call, fields, self.folder)
+        shown = self.applications.map_of(fields.get("view"))
+        if shown is not None and not grant.reaches(shown, self.folder):
+            raise NotAllowed(f"{call}: this token does not reach the map of that application")
+
+    def _shows(self, grant: Grant, row: dict[str, Any]) -> bool:
+        return grant.maps is None or (
+            row["kind"] in ("map", "folder") and grant.reaches(row["name"], self.folder)
+        )
 
     def _hello(self) -> dict[str, Any]:
         return {
@@ -165,20 +236,40 @@ class RaymapService(flight.FlightServerBase):  # type: ignore[misc]
 
     def do_get(self, context: Any, ticket: Any) -> Any:
         """Stream what a ticket asks for."""
+        caller, asked = context.get_middleware("token"), ticket.ticket
         try:
-            answer = self._answer(ticket.ticket, context.is_cancelled)
+            kind = self._kind(asked)
+            with self.calls.under_way(kind, caller, context.is_cancelled) as gone:
+                answer = self._answer(asked, caller.grant, gone)
         except BaseException as error:
             raise _refusal(error, self.folder) from None
-        return flight.GeneratorStream(answer.schema, self._checked(answer.batches))
+        batches = self._checked(answer.batches, kind, gone)
+        return flight.GeneratorStream(answer.schema, batches)
 
-    def _answer(self, body: Any, gone: Callable[[], bool]) -> Answer:
-        return self._streams.answer(Request(_bytes(body, self.limits), self.limits, "get"), gone)
+    def _kind(self, body: Any) -> str:
+        """Which stream a ticket asks for."""
+        kind = Request(_bytes(body, self.limits), self.limits, "get").fields().get("get")
+        return kind if isinstance(kind, str) and kind in STREAMS else "unknown"
 
-    def _checked(self, batches: Iterator[pa.RecordBatch]) -> Iterator[pa.Table]:
+    def _answer(self, body: Any, grant: Grant, gone: Callable[[], bool]) -> Answer:
+        request = self._request(body, "get")
+        kind = request.fields().get("get")
+        # What is no stream is refused below, by its name
+        if isinstance(kind, str) and kind in STREAMS:
+            self._check(grant, kind, request)
+        return self._streams.answer(request, gone)
+
+    def _checked(
+        self, batches: Iterator[pa.RecordBatch], kind: str, gone: Callable[[], bool]
+    ) -> Iterator[pa.Table]:
         """The batches as tables: only so does Flight send their dictionaries of names along."""
         try:
-            for batch in batches:
-                yield pa.Table.from_batches([batch])
+            with self.calls.sending(kind):
+                for batch in batches:
+                    if gone():
+                        raise OutOfTime("nobody may have the rest of this answer any more")
+                    self.metrics.transfer("sent", batch.nbytes)
+                    yield pa.Table.from_batches([batch])
         except GeneratorExit:
             raise
         except BaseException as error:
@@ -186,26 +277,36 @@ class RaymapService(flight.FlightServerBase):  # type: ignore[misc]
 
     def get_flight_info(self, context: Any, descriptor: Any) -> Any:
         """Schema and ticket of a request that stands in the descriptor's command."""
+        caller = context.get_middleware("token")
         try:
             body = _bytes(descriptor.command or b"", self.limits)
-            schema = self._answer(body, context.is_cancelled).schema
+            kind = self._kind(body)
+            with self.calls.under_way(kind, caller, context.is_cancelled) as gone:
+                schema = self._answer(body, caller.grant, gone).schema
         except BaseException as error:
             raise _refusal(error, self.folder) from None
         endpoint = flight.FlightEndpoint(flight.Ticket(body), [])
         return flight.FlightInfo(schema, descriptor, [endpoint], -1, -1)
 
     def list_flights(self, context: Any, criteria: bytes) -> Iterator[Any]:
-        """The maps of the folder, each as the flight of all its segments."""
+        """The maps of the folder that the token reaches, each as the flight of all its segments."""
+        caller = context.get_middleware("token")
         try:
-            request = Request(b"", self.limits, "files")
-            rows = self._questions.files(request, context.is_cancelled)["files"]
-            names = [row["name"] for row in rows if row["kind"] == "map"]
+            with self.calls.under_way("list_flights", caller, context.is_cancelled) as gone:
+                request = self._request(b"", "files")
+                self._check(caller.grant, "list_flights", request)
+                rows = self._questions.files(request, gone)["files"]
+                names = [
+                    row["name"]
+                    for row in rows
+                    if row["kind"] == "map" and self._shows(caller.grant, row)
+                ]
         except BaseException as error:
             raise _refusal(error, self.folder) from None
         for name in names:
             command = json.dumps({"get": "rays", "map": name}).encode()
             try:
-                schema = self._answer(command, context.is_cancelled).schema
+                schema = self._answer(command, caller.grant, gone).schema
             except RayMapError:
                 continue
             descriptor = flight.FlightDescriptor.for_command(command)
@@ -214,22 +315,60 @@ class RaymapService(flight.FlightServerBase):  # type: ignore[misc]
 
     def do_put(self, context: Any, descriptor: Any, reader: Any, writer: Any) -> None:
         """Take a file into the folder."""
+        caller = context.get_middleware("token")
         try:
-            body = _bytes(descriptor.command or b"", self.limits)
-            target = take_file(Request(body, self.limits, "upload"), self.folder, reader)
-            answer = {"file": self.folder.shown(target), "bytes": target.stat().st_size}
-            writer.write(json.dumps(answer).encode())
+            with self.calls.under_way("upload", caller, context.is_cancelled):
+                request = self._request(descriptor.command or b"", "upload")
+                self._check(caller.grant, "upload", request)
+                target = take_file(request, self.folder, reader)
+                size = target.stat().st_size
+                self.metrics.transfer("received", size)
+                answer = {"file": self.folder.shown(target), "bytes": size}
+                writer.write(json.dumps(answer).encode())
         except BaseException as error:
             raise _refusal(error, self.folder) from None
 
 
-def serve(service: RaymapService) -> None:
-    """Serve until Ctrl-C, or until the service is shut down."""
+def serve(service: RaymapService, *, stop_seconds: float = 30.0) -> None:
+    """Serve until SIGINT (Ctrl-C) or SIGTERM, or until the service is shut down.
+
+    A signal lets answers under way end for ``stop_seconds``; recordings end at once, with a valid
+    map. A second signal does not wait.
+
+    Raises
+    ------
+    RayMapError
+        Answers had not ended by then and were cut off.
+    """
+    asked = 0
+
+    def stop(number: int, frame: object) -> None:
+        nonlocal asked
+        asked += 1
+        service.notice()
+
+    known = {}
+    if threading.current_thread() is threading.main_thread():
+        known = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    left = 0
     try:
-        service.serve()
+        service.wait()
+        end = time.monotonic() + stop_seconds
+        left = service.calls.stop(lambda: asked > 1 or time.monotonic() >= end)
     finally:
-        service.shutdown()
-        service.close()
+        # Calls that were told to end take a moment; one that does not hear must not hold us
+        ending = threading.Thread(target=service.shutdown, name="shutdown", daemon=True)
+        ending.start()
+        ending.join(_LAST_SECONDS)
+        if not ending.is_alive():
+            service.close()
+        for number, handler in known.items():
+            signal.signal(number, handler)
+    if left:
+        raise RayMapError(
+            f"stopped: {left} answers had not ended after {stop_seconds:g} s and were cut off; "
+            "--stop-seconds waits longer"
+        )
 
 
 def _bytes(body: Any, limits: Limits) -> bytes:
@@ -247,7 +386,11 @@ def _refusal(error: BaseException, folder: ServedFolder) -> Exception:
     if isinstance(error, RayMapError):
         text = _shortened(folder.plain(str(error)))
         known = type(error)(text)
-        kinds = {OutOfTime: flight.FlightTimedOutError, Busy: flight.FlightUnavailableError}
+        kinds = {
+            OutOfTime: flight.FlightTimedOutError,
+            Busy: flight.FlightUnavailableError,
+            NotAllowed: flight.FlightUnauthorizedError,
+        }
         chosen = kinds.get(type(error), flight.FlightServerError)
         return chosen(text, encode_error(known))  # type: ignore[no-any-return]
     # A mistake of the service itself: its own people see where, the client that it happened
