@@ -143,6 +143,10 @@ def compare(
     by: Annotated[
         Literal["face", "object"], typer.Option(help="Tell faces apart, or objects only.")
     ] = "face",
+    different_scenes: Annotated[
+        bool,
+        typer.Option("--different-scenes", help="Compare maps of different scenes, paths by name."),
+    ] = False,
     top: Annotated[int, typer.Option(min=1, help="Rows to show.")] = 20,
     threads: Threads = None,
     json: Json = False,
@@ -152,12 +156,27 @@ def compare(
     from query.comparison import compare as compare_maps
 
     with opened_map(map, strict) as first, opened_map(other, strict) as second:
-        result = compare_maps(first, second, criterion, by=by, threads=threads)
+        result = compare_maps(
+            first, second, criterion, by=by, different_scenes=different_scenes, threads=threads
+        )
         if json:
             emit_json(result.to_json(top))
             return
         from query.terminal import print_rows
 
-        keys = ("flux_a", "flux_b", "difference", "se", "z", "significant", "path")
-        rows = [{k: row[k] for k in keys} for row in result.to_json(top)["paths"]]
+        typer.echo(result.head())
+        rows = [
+            {
+                "flux_a": path.flux_a,
+                "flux_a_se": path.se_a,
+                "flux_b": path.flux_b,
+                "flux_b_se": path.se_b,
+                "difference": path.difference,
+                "error": path.se,
+                "z": path.z,
+                "significant": "yes" if path.significant else "",
+                "path": path.path,
+            }
+            for path in result.paths[:top]
+        ]
         print_rows(rows, f"{len(result.significant)} significant of {len(result.paths)} paths")

@@ -137,7 +137,7 @@ def _mark(row: dict[str, Any], name: str) -> str:
 
 def _heading(name: str, unit: str) -> str:
     """A key of JSON as the head of a column."""
-    if name.endswith(("flux_se", "difference_se")):
+    if name.endswith("_se") or name == "error":
         return "±"
     return name.replace("_", " ") + (f" [{unit}]" if unit and "flux" in name else "")
 

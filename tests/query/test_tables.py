@@ -198,7 +198,7 @@ def test_a_map_compared_with_itself_and_with_another(maps: dict[str, Any]) -> No
     same = query.compare(maps["merged"], maps["merged"])
     assert not same.significant
     assert all(path.difference == 0 for path in same.paths)
-    other = query.compare(maps["merged"], maps["weighted"])
+    other = query.compare(maps["merged"], maps["weighted"], different_scenes=True)
     assert other.significant
     assert other.total.difference == pytest.approx(
         select(maps["weighted"]).flux - select(maps["merged"]).flux
