@@ -6,10 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw
 
 from viewer.bodies import Body
 from viewer.colors import Legend
+from viewer.lettering import Lettering
 
 __all__ = ["draw_legend", "draw_names"]
 
@@ -38,24 +39,24 @@ def draw_legend(
     image = Image.fromarray(picture).convert("RGBA")
     veil = Image.new("RGBA", image.size)
     draw = ImageDraw.Draw(veil)
-    font = ImageFont.load_default(size)
+    letters = Lettering(draw, size)
     ink, panel = _inks(dark)
     if legend.entries:
-        _legend_panel(draw, image.size, legend, font, size, ink, panel)
+        _legend_panel(draw, letters, image.size, legend, size, ink, panel)
     y = size
     for number, line in enumerate(caption):
         tone = (*ink, 255 if number == 0 else 190)
-        for row in _wrap(draw, line, font, image.size[0] - 2 * size):
-            draw.text((size, y), row, font=font, fill=tone)
+        for row in _wrap(letters, line, image.size[0] - 2 * size):
+            letters.write((size, y), row, tone)
             y += int(1.4 * size)
     return np.asarray(Image.alpha_composite(image, veil).convert("RGB"))
 
 
 def _legend_panel(
     draw: ImageDraw.ImageDraw,
+    letters: Lettering,
     extent: tuple[int, int],
     legend: Legend,
-    font: ImageFont.ImageFont | ImageFont.FreeTypeFont,
     size: int,
     ink: tuple[int, int, int],
     panel: tuple[int, int, int, int],
@@ -63,50 +64,40 @@ def _legend_panel(
     """Swatches with their labels; labels that are too long are cut."""
     step = int(1.45 * size)
     room = max(10, int(extent[0] * 0.62))
-    labels = [_cut(draw, entry.label, font, room) for entry in legend.entries]
+    labels = [_cut(letters, entry.label, room) for entry in legend.entries]
     texts = [legend.title, *labels]
-    width = max(draw.textlength(text, font=font) for text in texts) + 3.4 * size
+    width = max(letters.length(text) for text in texts) + 3.4 * size
     height = step * len(texts) + size
     left, top = size, extent[1] - height - size
     draw.rounded_rectangle((left, top, left + width, top + height), size // 3, fill=panel)
     x, y = left + 0.7 * size, top + 0.5 * size
-    draw.text((x, y), legend.title, font=font, fill=(*ink, 200))
+    letters.write((x, y), legend.title, (*ink, 200))
     for entry, label in zip(legend.entries, labels, strict=True):
         y += step
         square: Box = (x, y + 0.2 * size, x + size, y + 1.1 * size)
         draw.rectangle(square, fill=(*entry.rgb, 255))
-        draw.text((x + 1.6 * size, y), label, font=font, fill=(*ink, 255))
+        letters.write((x + 1.6 * size, y), label, (*ink, 255))
 
 
-def _cut(
-    draw: ImageDraw.ImageDraw,
-    text: str,
-    font: ImageFont.ImageFont | ImageFont.FreeTypeFont,
-    room: float,
-) -> str:
+def _cut(letters: Lettering, text: str, room: float) -> str:
     """Leave out the middle of a text that is too long."""
-    if draw.textlength(text, font=font) <= room:
+    if letters.length(text) <= room:
         return text
     keep = len(text)
     while keep > 4:
         keep -= 1
         short = text[: keep // 2] + " … " + text[len(text) - keep // 2 :]
-        if draw.textlength(short, font=font) <= room:
+        if letters.length(short) <= room:
             return short
     return text[:4]
 
 
-def _wrap(
-    draw: ImageDraw.ImageDraw,
-    text: str,
-    font: ImageFont.ImageFont | ImageFont.FreeTypeFont,
-    room: float,
-) -> list[str]:
+def _wrap(letters: Lettering, text: str, room: float) -> list[str]:
     """Break a line of text at spaces."""
     rows = [""]
     for word in text.split(" "):
         longer = f"{rows[-1]} {word}".strip()
-        if rows[-1] and draw.textlength(longer, font=font) > room:
+        if rows[-1] and letters.length(longer) > room:
             rows.append(word)
         else:
             rows[-1] = longer
@@ -131,7 +122,7 @@ def draw_names(
     image = Image.fromarray(picture).convert("RGBA")
     veil = Image.new("RGBA", image.size)
     draw = ImageDraw.Draw(veil)
-    font = ImageFont.load_default(size)
+    letters = Lettering(draw, size)
     ink, panel = _inks(dark)
     taken: list[Box] = []
     for body in bodies:
@@ -144,14 +135,14 @@ def draw_names(
         pixels = flat[:, :2] / flat[:, 3:] / supersampling
         x = float(0.5 * (pixels[:, 0].min() + pixels[:, 0].max()))
         y = float(pixels[:, 1].min()) - 1.5 * size
-        width = draw.textlength(body.name, font=font)
+        width = letters.length(body.name)
         box = _free_place(x - width / 2 - 4, y, width + 8, 1.45 * size, taken)
         inside = box[0] >= 0 and box[2] <= image.size[0] and 0 <= box[1] < image.size[1] - size
         if not inside:
             continue
         taken.append(box)
         draw.rounded_rectangle(box, 3, fill=panel)
-        draw.text((box[0] + 4, box[1] + 1), body.name, font=font, fill=(*ink, 255))
+        letters.write((box[0] + 4, box[1] + 1), body.name, (*ink, 255))
     return np.asarray(Image.alpha_composite(image, veil).convert("RGB"))
 
 
