@@ -239,7 +239,7 @@ def image(
     strict: Strict = False,
 ) -> None:
     """Write the picture that the selected rays make on a detector."""
-    from query.image_files import KINDS, write_image
+    from query.image_files import KINDS, check_image, write_image
     from query.images import detector_images
 
     if kind is not None and kind not in KINDS:
@@ -250,6 +250,7 @@ def image(
         if not equals or not name:
             raise typer.BadParameter("--layer is NAME=CRITERION")
         targets[name] = output.with_name(f"{output.stem}-{name}{output.suffix}")
+    check_image(output, kind)
     with opened_map(map, strict) as ray_map:
         layers = {"": read_criterion(criterion, ray_map, filter_string)}
         for text in layer or ():

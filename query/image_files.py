@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from query.pictures import DetectorImage
-from raymap.errors import MissingExtra, RayMapError
+from raymap.errors import RayMapError
+from raymap.extras import require
 from raymap.replacing import replacing
 
-__all__ = ["KINDS", "png_bytes", "png_html", "write_image"]
+__all__ = ["KINDS", "check_image", "png_bytes", "png_html", "write_image"]
 
 QUANTITIES = ("irradiance", "illuminance", "intensity", "candela", "radiance", "luminance")
 """Flux per area, solid angle or étendue, in watt and in lumen."""
@@ -95,6 +96,33 @@ def _pixels(image: DetectorImage, kind: str) -> NDArray[Any]:
     return np.round(np.clip(values / top, 0, 1) * 65535).astype(np.uint16)
 
 
+def check_image(path: str | Path, kind: str | None = None) -> None:
+    """Refuse, before anything is computed, a picture that `write_image` cannot write.
+
+    Raises
+    ------
+    RayMapError
+        unknown kind or suffix, a kind that the format does not hold, or no such folder.
+    MissingExtra
+        a TIFF without the package tifffile.
+    """
+    target = Path(path)
+    suffix = target.suffix.lower()
+    if suffix not in _SUFFIXES:
+        raise RayMapError(f"pictures end in {', '.join(_SUFFIXES)}, not {target.name!r}")
+    if not target.parent.is_dir():
+        raise RayMapError(f"there is no folder {target.parent} to write {target.name} into")
+    if kind is not None and kind not in KINDS:
+        raise RayMapError(f"pictures are of kind {', '.join(KINDS)}, not {kind!r}")
+    if suffix == ".ies" and kind not in (None, "candela"):
+        raise RayMapError(
+            f"an .ies file holds candela, not {kind}; leave the kind out, or write .csv, .exr, "
+            ".tiff or .npy"
+        )
+    if suffix in (".tif", ".tiff"):
+        require("tifffile")
+
+
 def write_image(
     image: DetectorImage, path: str | Path, kind: str | None = None, *, zoom: int = 1
 ) -> Path:
@@ -119,18 +147,8 @@ def write_image(
         a TIFF without the package tifffile.
     """
     target = Path(path)
+    check_image(target, kind)
     suffix = target.suffix.lower()
-    if suffix not in _SUFFIXES:
-        raise RayMapError(f"pictures end in {', '.join(_SUFFIXES)}, not {target.name!r}")
-    if not target.parent.is_dir():
-        raise RayMapError(f"there is no folder {target.parent} to write {target.name} into")
-    if kind is not None and kind not in KINDS:
-        raise RayMapError(f"pictures are of kind {', '.join(KINDS)}, not {kind!r}")
-    if suffix == ".ies" and kind not in (None, "candela"):
-        raise RayMapError(
-            f"an .ies file holds candela, not {kind}; leave the kind out, or write .csv, .exr, "
-            ".tiff or .npy"
-        )
     if suffix == ".csv":
         with replacing(target) as beside:
             _write_csv(beside, image, kind)
@@ -155,13 +173,8 @@ def write_image(
 
 
 def _write_tiff(path: Path, image: DetectorImage, kind: str) -> None:
-    try:
-        import tifffile
-    except ImportError:
-        raise MissingExtra(
-            "TIFF pictures need the package tifffile (pip install tifffile); .npy and .png need "
-            "nothing more"
-        ) from None
+    import tifffile
+
     values = _upright(values_of(image, kind)).astype(np.float32)
     if values.ndim == 3 and values.shape[2] != 3:
         values = np.moveaxis(values, 2, 0)

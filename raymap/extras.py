@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
+
 from raymap.errors import MissingExtra
 
-__all__ = ["EXTRAS", "missing_extra"]
+__all__ = ["EXTRAS", "missing_extra", "require"]
 
 EXTRAS = {
     "view": (
@@ -32,3 +34,18 @@ def missing_extra(error: ImportError) -> MissingExtra | None:
                 f"pip install 'raymap[{extra}]'"
             )
     return None
+
+
+def require(*modules: str) -> None:
+    """Import the modules, before anything is computed that they would write.
+
+    Raises
+    ------
+    MissingExtra
+        One of them is not installed.
+    """
+    for module in modules:
+        try:
+            importlib.import_module(module)
+        except ImportError as error:
+            raise missing_extra(error) or error from None

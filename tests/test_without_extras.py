@@ -75,14 +75,25 @@ WORDS: dict[str, list[str]] = {
     "verify-crystals": ["-o", "pictures", "--only", "pictures"],
     "render": ["scene.toml", "-o", "render.png"],
     "fit-scattering": ["data.json"],
-    "goniophotometer": ["material", "--thickness", "1", "-o", "plate.json", "--rays", "100"],
+    "goniophotometer": ["material", "--thickness", "1", "-o", "plate", "--rays", "100"],
 }
 
-LONG = (
-    "goniophotometer", "lens-cone", "lens-picture", "lens-vignetting", "microscope",
-    "record-polarized", "render", "verify-crystals",
-)  # fmt: skip
-"""Commands that compile or compute for long before they draw: left to the slow tests."""
+LONG = ("record-polarized", "render", "verify-crystals")
+"""Commands that compile for long: left to the slow tests."""
+
+DRAWN = {
+    "chart": ("matplotlib", "query.images.detector_image"),
+    "fit-scattering": ("matplotlib", "tracer.scattering.fit_material.fit_material"),
+    "goniophotometer": ("matplotlib", "tracer.scattering.goniophotometer.measure_plate"),
+    "image": ("tifffile", "query.images.detector_images"),
+    "lens-cone": ("matplotlib", "tracer.studies.cone.masked_cone"),
+    "lens-levels": ("matplotlib", "tracer.studies.levels.level_shares"),
+    "lens-picture": ("PIL", "tracer.studies.lens_pictures.lens_picture"),
+    "lens-vignetting": ("matplotlib", "tracer.studies.vignetting.vignetting"),
+    "microscope": ("PIL", "tracer.studies.microscope.conoscopy"),
+    "picture": ("PIL", "viewer.answers.draw_rays"),
+}
+"""Commands that draw: the module that does, and what they compute before."""
 
 DRIVER = """
 import contextlib, io, json, sys, traceback
@@ -133,7 +144,7 @@ def assert_clear(answers: dict[str, Any]) -> None:
         command: re.findall(r"pip install '?raymap\[(\w+)", error)
         for command, (_, error) in answers.items()
     }
-    for command in ("picture", "chart", "lens-levels", "view"):
+    for command in ("view", *(set(DRAWN) - {"fit-scattering"})):
         assert needed[command] == ["view"], answers[command]
     assert needed["export-3d"] == ["cad"], answers["export-3d"]
     for command in ("record", "query", "paths", "info", "verify", "export", "rayfile"):
@@ -142,6 +153,26 @@ def assert_clear(answers: dict[str, Any]) -> None:
 
 def test_the_table_has_every_command() -> None:
     assert set(WORDS) == set(COMMANDS)
+
+
+@pytest.mark.parametrize("command", DRAWN)
+def test_what_draws_is_looked_for_before_anything_is_computed(
+    command: str, tmp_path: Path, run: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module, computed = DRAWN[command]
+
+    def compute(*_: Any, **__: Any) -> None:
+        raise AssertionError(f"{command} computes before it looks for {module}")
+
+    monkeypatch.chdir(tmp_path)
+    write_small(tmp_path / "a.raymap", n_portions=1, n_rays=20)
+    monkeypatch.setattr(computed, compute)
+    monkeypatch.setitem(sys.modules, module, None)
+    more = ["-o", "plates"] if command == "fit-scattering" else []
+    code, _, error = run(command, *WORDS[command], *more)
+    assert code == 1
+    assert error.startswith("error: this needs the package of the module")
+    assert error.endswith(f"{module}, which is not installed: pip install 'raymap[view]'\n")
 
 
 @pytest.mark.parametrize(

@@ -9,13 +9,55 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from raymap.errors import MissingExtra, RayMapError
+from raymap.errors import RayMapError
+from raymap.extras import require
 from raymap.replacing import replacing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["save_figure", "save_picture"]
+__all__ = ["check_figure", "check_picture", "save_figure", "save_picture"]
+
+
+def check_figure(path: Path) -> None:
+    """Refuse, before anything is computed, a plot that cannot be written.
+
+    Raises
+    ------
+    MissingExtra
+        Matplotlib is not installed.
+    RayMapError
+        Matplotlib writes no such files, or there is no such folder.
+    """
+    require("matplotlib")
+    from matplotlib.backend_bases import FigureCanvasBase
+
+    if path.suffix[1:].lower() not in FigureCanvasBase.get_supported_filetypes():
+        raise RayMapError(f"plots end in .png, .pdf or .svg, not {path.name!r}")
+    _check_folder(path)
+
+
+def check_picture(path: Path) -> None:
+    """Refuse, before anything is computed, a picture that cannot be written.
+
+    Raises
+    ------
+    MissingExtra
+        Pillow is not installed.
+    RayMapError
+        Pillow writes no such files, or there is no such folder.
+    """
+    require("PIL")
+    from PIL import Image
+
+    if Image.registered_extensions().get(path.suffix.lower()) not in Image.SAVE:
+        raise RayMapError(f"pictures end in .png, .tiff or .jpg, not {path.name!r}")
+    _check_folder(path)
+
+
+def _check_folder(path: Path) -> None:
+    if not path.parent.is_dir():
+        raise RayMapError(f"there is no folder {path.parent} to write {path.name} into")
 
 
 def save_figure(figure: Figure, path: Path, *, dpi: int = 140) -> None:
@@ -26,12 +68,9 @@ def save_figure(figure: Figure, path: Path, *, dpi: int = 140) -> None:
     RayMapError
         Matplotlib writes no such files, or the system refuses.
     """
-    kind = path.suffix[1:].lower()
-    known = figure.canvas.get_supported_filetypes()
-    if kind not in known:
-        raise RayMapError(f"plots end in .png, .pdf or .svg, not {path.name!r}")
+    check_figure(path)
     with replacing(path) as beside:
-        figure.savefig(beside, dpi=dpi, format=kind)
+        figure.savefig(beside, dpi=dpi, format=path.suffix[1:].lower())
 
 
 def save_picture(rgb: ArrayLike, path: Path, *, enlarge: int = 1) -> None:
@@ -44,13 +83,9 @@ def save_picture(rgb: ArrayLike, path: Path, *, enlarge: int = 1) -> None:
     RayMapError
         Pillow writes no such files, or the system refuses.
     """
-    try:
-        from PIL import Image
-    except ImportError:
-        raise MissingExtra("pictures need pillow: pip install 'raymap[view]'") from None
-    kind = Image.registered_extensions().get(path.suffix.lower())
-    if kind is None or kind not in Image.SAVE:
-        raise RayMapError(f"pictures end in .png, .tiff or .jpg, not {path.name!r}")
+    check_picture(path)
+    from PIL import Image
+
     values = np.clip(np.asarray(rgb, np.float64), 0.0, 1.0)
     picture = Image.fromarray(np.round(values * 255.0).astype(np.uint8))
     if enlarge > 1:
@@ -59,6 +94,6 @@ def save_picture(rgb: ArrayLike, path: Path, *, enlarge: int = 1) -> None:
         )
     # Pillow says nothing of a disk that is full when it writes a JPEG itself
     data = io.BytesIO()
-    picture.save(data, format=kind)
+    picture.save(data, format=Image.registered_extensions()[path.suffix.lower()])
     with replacing(path) as beside:
         beside.write_bytes(data.getvalue())

@@ -13,7 +13,8 @@ from query import DetectorImage, detector_image
 from query.beams import BeamPlane, beam_of
 from query.readings import reading_lines, readings
 from raymap import RayMap
-from raymap.errors import MissingExtra, RayMapError
+from raymap.errors import RayMapError
+from raymap.extras import require
 from raymap.replacing import replacing
 from viewer.falsecolor import COLORMAPS, apply_colormap
 
@@ -105,10 +106,9 @@ def chart(
 
 
 def _figure() -> Figure:
-    try:
-        from matplotlib.figure import Figure as NewFigure
-    except ImportError:
-        raise MissingExtra("charts need matplotlib: pip install 'raymap[view]'") from None
+    require("matplotlib")
+    from matplotlib.figure import Figure as NewFigure
+
     return NewFigure(figsize=(10.0, 5.6))
 
 

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.errors import MissingExtra, RayMapError
+from raymap.errors import RayMapError
+from raymap.extras import require
 from raymap.replacing import replacing
 from viewer.camera import STANDARD_VIEWS, UPWARD
 from viewer.scene import load_bodies
@@ -43,12 +44,9 @@ def encode_jpeg(pixels: NDArray[np.uint8], quality: int = 88) -> bytes:
 
 
 def _pillow() -> Any:
-    try:
-        from PIL import Image
-    except ImportError:
-        raise MissingExtra(
-            "pictures need Pillow, which is not installed: pip install 'raymap[view]'"
-        ) from None
+    require("PIL")
+    from PIL import Image
+
     return Image
 
 

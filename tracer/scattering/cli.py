@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from raymap.cli import Json, Panel, emit_json
+from raymap.extras import require
 
 if TYPE_CHECKING:
     from tracer.scattering.fit_material import MaterialFit
@@ -55,6 +56,8 @@ def fit_scattering(
     from tracer.scattering.statements import describe_fit
     from tracer.scattering.surface import surface_tilt
 
+    if output is not None:
+        require("matplotlib")
     measurement, settings = load_measurement(data)
     if gamma is not None:
         settings = settings.model_copy(update={"gamma": gamma})
@@ -210,6 +213,8 @@ def goniophotometer(
     from tracer.scattering.medium_file import load_media
     from tracer.scattering.tilt import gaussian_tilt
 
+    if output is not None:
+        require("matplotlib")
     face = gaussian_tilt(rms_slope)
     media = load_media(material, medium, wavelength or [550.0])
     lights = [

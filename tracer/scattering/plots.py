@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from raymap.errors import MissingExtra
+from raymap.extras import require
 from tracer.figures import save_figure
 from tracer.scattering.fit_material import MaterialFit
 from tracer.scattering.goniophotometer import Goniogram
@@ -20,15 +20,12 @@ _COLORS = (_BLUE, _ORANGE, _GREEN, "#6b46c1", "#b83280", _GREY)
 
 
 def _pyplot() -> Any:
-    try:
-        import matplotlib
+    require("matplotlib")
+    import matplotlib
 
-        matplotlib.use("Agg")
-        from matplotlib import pyplot
-    except ImportError:
-        raise MissingExtra(
-            "plots need Matplotlib; install it with: pip install 'raymap[view]'"
-        ) from None
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
     return pyplot
 
 

@@ -85,14 +85,16 @@ def lens_levels(
     """Show the share of a parallel beam that leaves a lens at each level of its tree."""
     import numpy as np
 
+    from tracer.figures import check_figure, save_figure
     from tracer.studies.lens_beams import parallel_beam
     from tracer.studies.levels import level_shares, shares_by_height
 
+    if output is not None:
+        check_figure(output)
     lens = _lens(radii, thickness, semi_apertures, glass)
     beam = parallel_beam(lens, rays, wavelength_nm=wavelength, field_deg=field)
     shares = level_shares(lens, beam, depth=depth, mode=mode)
     if output is not None:
-        from tracer.figures import save_figure
         from tracer.studies.polarization_plots import plot_levels
 
         heights = np.linspace(0.0, lens.semi_aperture_front, 600, endpoint=False)
@@ -135,8 +137,11 @@ def lens_cone(
     """Find the cone K of directions whose whole tree never meets the rim of a lens."""
     import numpy as np
 
+    from tracer.figures import check_figure, save_figure
     from tracer.studies.cone import axial_cone, masked_cone
 
+    if output is not None:
+        check_figure(output)
     lens = _lens(radii, thickness, semi_apertures, glass)
     mask = masked_cone(lens, point, depth=depth, wavelength_nm=wavelength)
     on_axis = point[0] == 0.0 and point[1] == 0.0
@@ -150,7 +155,6 @@ def lens_cone(
         numbers["half_angle_deg"] = math.degrees(cone.half_angle)
         numbers["intervals_deg"] = [list(np.rad2deg(pair)) for pair in cone.intervals]
     if output is not None:
-        from tracer.figures import save_figure
         from tracer.studies.polarization_plots import plot_cones
 
         distances = np.linspace(0.25, 5.0, 40) * abs(point[2])
@@ -194,16 +198,18 @@ def lens_vignetting(
     """Show what a lens loses of parallel beams on its rim, by field angle."""
     import numpy as np
 
+    from tracer.figures import check_figure, save_figure
     from tracer.lens.errors import LensError
     from tracer.studies.vignetting import vignetting
 
     if steps < 2 or not 0.0 < field < 90.0:
         raise LensError("field must lie between 0 and 90 degrees, steps must be 2 or more")
+    if output is not None:
+        check_figure(output)
     lens = _lens(radii, thickness, semi_apertures, glass)
     angles = np.linspace(0.0, field, steps)
     result = vignetting(lens, angles, wavelength_nm=wavelength, depth=depth, rays=rays)
     if output is not None:
-        from tracer.figures import save_figure
         from tracer.studies.polarization_plots import plot_vignetting
 
         save_figure(plot_vignetting(result), output)
@@ -250,10 +256,11 @@ def lens_picture(
 ) -> None:
     """Paint a board of squares seen through a lens."""
     from raymap.colorimetry import encode_srgb
-    from tracer.figures import save_picture
+    from tracer.figures import check_picture, save_picture
     from tracer.studies.lens_pictures import LensCamera
     from tracer.studies.lens_pictures import lens_picture as render
 
+    check_picture(output)
     lens = _lens(radii, thickness, semi_apertures, glass)
     camera = LensCamera(eye=(0.0, 0.0, -70.0), half_angle_deg=15.0, pixels=pixels)
     picture = render(

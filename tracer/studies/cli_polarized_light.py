@@ -47,12 +47,13 @@ def microscope(
     json: Json = False,
 ) -> None:
     """Paint the conoscopic figure of a crystal plate under the polarising microscope."""
-    from tracer.figures import save_picture
+    from tracer.figures import check_picture, save_picture
     from tracer.optics.polarization_elements import Retarder
     from tracer.studies.interference_colors import srgb_of
     from tracer.studies.microscope import Microscope, conoscopy
     from tracer.studies.microscope_bench import bench_conoscopy
 
+    check_picture(output)
     plate = _plate(crystal, thickness, tilt, stage)
     view = Microscope(
         polariser_deg=polariser,

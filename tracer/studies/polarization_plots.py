@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.errors import MissingExtra
+from raymap.extras import require
 from tracer.studies.cone import AxialCone, MaskedCone
 from tracer.studies.interference_colors import interference_srgb, srgb_of
 from tracer.studies.levels import LevelShares
@@ -32,12 +32,9 @@ _COLORS = ("#0b6e99", "#d1495b", "#2e8b57", "#8a5a9e", "#c9871f", "#555555", "#1
 
 
 def _figure(width: float, height: float, columns: int = 1) -> tuple[Figure, Any]:
-    try:
-        from matplotlib.figure import Figure as NewFigure
-    except ImportError:
-        raise MissingExtra(
-            "plots need matplotlib: pip install 'raymap[view]'; --json gives the numbers without it"
-        ) from None
+    require("matplotlib")
+    from matplotlib.figure import Figure as NewFigure
+
     figure = NewFigure(figsize=(width, height), layout="constrained")
     axes = figure.subplots(1, columns, squeeze=False)[0]
     for ax in axes:
