@@ -100,15 +100,14 @@ def _padded(low: Array, high: Array) -> Bounds:
 def _ring_bounds(centers: list[Array], radii: list[float], axis: Array) -> Bounds:
     """Box around circles across ``axis``."""
     reach = np.sqrt(np.maximum(0.0, 1.0 - axis * axis))
-    low = np.min([c - r * reach for c, r in zip(centers, radii, strict=True)], axis=0)
-    high = np.max([c + r * reach for c, r in zip(centers, radii, strict=True)], axis=0)
-    return _padded(low, high)
+    middle, extent = np.array(centers), np.array(radii)[:, None] * reach
+    return _padded((middle - extent).min(axis=0), (middle + extent).max(axis=0))
 
 
 def _revolve(
     origin: Array,
     axis: Array,
-    profile: list[tuple[float, float]],
+    profile: Sequence[tuple[float, float]],
     segments: int,
     side: float = 1.0,
 ) -> Mesh:
@@ -118,11 +117,26 @@ def _revolve(
     the other way for ``side`` -1, so that cavities are bounded from within.
     """
     u, v, w = frame_of(axis)
-    angles = np.linspace(0.0, 2.0 * math.pi, segments, endpoint=False)
-    circle = np.cos(angles)[:, None] * u + np.sin(angles)[:, None] * v
-    rings = [origin + h * w + r * circle for r, h in profile]
+    circle = _circle(segments) @ np.array([u, v])
+    radii, heights = np.array(profile).T
+    rings = origin + heights[:, None, None] * w + radii[:, None, None] * circle
     corners = _strips(len(profile) - 1, segments)
-    return np.concatenate(rings), corners if side > 0.0 else corners[:, ::-1]
+    return rings.reshape(-1, 3), corners if side > 0.0 else corners[:, ::-1]
+
+
+@lru_cache(maxsize=16)
+def _circle(segments: int) -> Array:
+    """Cosines and sines of the corners of a circle, (segments, 2)."""
+    angles = np.linspace(0.0, 2.0 * math.pi, segments, endpoint=False)
+    return np.column_stack([np.cos(angles), np.sin(angles)])
+
+
+@lru_cache(maxsize=1024)
+def _cap_profile(radius: float, sag: float, rings: int) -> tuple[tuple[float, float], ...]:
+    """Radii and heights of the rings of a spherical cap; equal caps share them."""
+    stop = math.acos(max(-1.0, 1.0 - sag / radius))
+    angles = [stop * k / rings for k in range(rings + 1)]
+    return tuple((radius * math.sin(a), radius * (1.0 - math.cos(a))) for a in angles)
 
 
 @lru_cache(maxsize=128)
@@ -145,19 +159,31 @@ def _solve_axis(direction: Array) -> int:
     return 0 if x >= max(y, z) else 1 if y >= z else 2
 
 
-def _quadric(
-    matrix: Array, vector: Array, constant: float, origin: Array, solve: int | None
+def _quadric_about(
+    origin: Array,
+    axis: Array,
+    *,
+    square: float,
+    along: float,
+    slope: float,
+    constant: float,
+    solve: int | None,
 ) -> Quadric:
-    """Quadric of (p-o)ᵀ M (p-o) + b . (p-o) + c in world coordinates."""
-    symmetric = 0.5 * (matrix + matrix.T)
-    linear = vector - 2.0 * symmetric @ origin
-    offset = float(origin @ symmetric @ origin - vector @ origin + constant)
-    m = symmetric
+    """Quadric square |q|² + along (q·w)² + slope (q·w) + constant about an axis w, q = p - origin.
+
+    In plain numbers: a scene has one for every face, and arrays of three cost twenty times as much.
+    """
+    w, o = axis.tolist(), origin.tolist()
+    height = o[0] * w[0] + o[1] * w[1] + o[2] * w[2]
+    linear = [slope * w[k] - 2.0 * (square * o[k] + along * height * w[k]) for k in range(3)]
+    distance = o[0] * o[0] + o[1] * o[1] + o[2] * o[2]
+    offset = square * distance + along * height * height - slope * height + constant
     return Quadric(
         coefficients=(
-            float(m[0, 0]), float(m[1, 1]), float(m[2, 2]),
-            2.0 * float(m[0, 1]), 2.0 * float(m[0, 2]), 2.0 * float(m[1, 2]),
-            float(linear[0]), float(linear[1]), float(linear[2]), offset,
+            square + along * w[0] * w[0], square + along * w[1] * w[1],
+            square + along * w[2] * w[2],
+            2.0 * along * w[0] * w[1], 2.0 * along * w[0] * w[2], 2.0 * along * w[1] * w[2],
+            *linear, offset,
         ),
         solve_axis=solve,  # type: ignore[arg-type]
     )  # fmt: skip
@@ -310,13 +336,18 @@ class SphereCap:
         return _padded(low, high)
 
     def quadric(self) -> Quadric | None:
-        matrix = self.side / (2.0 * self.radius) * np.eye(3)
-        return _quadric(matrix, -self.side * self.axis, 0.0, self.vertex, _solve_axis(self.axis))
+        return _quadric_about(
+            self.vertex,
+            self.axis,
+            square=self.side / (2.0 * self.radius),
+            along=0.0,
+            slope=-self.side,
+            constant=0.0,
+            solve=_solve_axis(self.axis),
+        )
 
     def mesh(self, segments: int = SEGMENTS) -> Mesh:
-        stop = math.acos(max(-1.0, 1.0 - self.sag / self.radius))
-        angles = np.linspace(0.0, stop, _rings(segments) + 1)
-        profile = [(self.radius * math.sin(a), self.radius * (1.0 - math.cos(a))) for a in angles]
+        profile = _cap_profile(self.radius, self.sag, _rings(segments))
         return _revolve(self.vertex, self.axis, profile, segments, self.side)
 
 
@@ -343,8 +374,16 @@ class Cylinder:
         return _ring_bounds(ends, [self.radius, self.radius], self.axis)
 
     def quadric(self) -> Quadric | None:
-        matrix = self.side * (np.eye(3) - np.outer(self.axis, self.axis)) / (2.0 * self.radius)
-        return _quadric(matrix, np.zeros(3), -self.side * self.radius / 2.0, self.origin, None)
+        square = self.side / (2.0 * self.radius)
+        return _quadric_about(
+            self.origin,
+            self.axis,
+            square=square,
+            along=-square,
+            slope=0.0,
+            constant=-self.side * self.radius / 2.0,
+            solve=None,
+        )
 
     def mesh(self, segments: int = SEGMENTS) -> Mesh:
         profile = [(self.radius, self.low), (self.radius, self.high)]
@@ -377,9 +416,15 @@ class Frustum:
 
     def quadric(self) -> Quadric | None:
         scale = self.side / 2.0
-        matrix = scale * (np.eye(3) - (1.0 + self.slope**2) * np.outer(self.axis, self.axis))
-        vector = -2.0 * scale * self.radius * self.slope * self.axis
-        return _quadric(matrix, vector, -scale * self.radius**2, self.origin, None)
+        return _quadric_about(
+            self.origin,
+            self.axis,
+            square=scale,
+            along=-scale * (1.0 + self.slope**2),
+            slope=-2.0 * scale * self.radius * self.slope,
+            constant=-scale * self.radius**2,
+            solve=None,
+        )
 
     def mesh(self, segments: int = SEGMENTS) -> Mesh:
         profile = [
@@ -454,9 +499,15 @@ class Conic:
     def quadric(self) -> Quadric | None:
         if any(self.aspheric):
             return None
-        matrix = 0.5 * self.curvature * (np.eye(3) + self.conic * np.outer(self.axis, self.axis))
-        return _quadric(
-            self.side * matrix, -self.side * self.axis, 0.0, self.vertex, _solve_axis(self.axis)
+        square = 0.5 * self.side * self.curvature
+        return _quadric_about(
+            self.vertex,
+            self.axis,
+            square=square,
+            along=square * self.conic,
+            slope=-self.side,
+            constant=0.0,
+            solve=_solve_axis(self.axis),
         )
 
     def mesh(self, segments: int = SEGMENTS) -> Mesh:

@@ -37,8 +37,9 @@ def test_n_bk7_as_the_maker_prints_it() -> None:
         ("PMMA", 1.4914, 57.4),
         ("PC", 1.585, 29.9),
         ("PS", 1.5905, 30.9),
-        ("COC", 1.533, 56.0),
-        ("COP", 1.531, 56.0),
+        # The makers' catalogues for Zemax: topas.agf, 5013LS-01, and zeon.agf, E48R
+        ("COC", 1.533202, 56.150461),
+        ("COP", 1.531170, 56.0),
         ("water", 1.3334, 55.8),
         ("CaF2", 1.43384, 95.2),
         ("sapphire o", 1.76817, 72.2),
@@ -63,7 +64,8 @@ def test_every_shipped_row_gives_an_index_where_it_says() -> None:
         glass = find_glass(name)
         low, high = glass.dispersion.range_nm
         values = glass.index(np.linspace(low, high, 50))
-        assert np.all((values > 1.1) & (values < 3.3)), name
+        # From lithium fluoride at 11 µm, 1.02, to germanium at 2 µm, 4.1 (H. H. Li 1976 and 1980)
+        assert np.all((values > 1.0) & (values < 4.2)), name
         assert np.all(glass.absorption(np.linspace(450, 650, 9)) >= 0)
 
 
