@@ -24,6 +24,7 @@ import typer
 from typer.core import TyperCommand
 
 from raymap.errors import CriterionError, DamagedPortion, DamageWarning, RayMapError
+from raymap.plaintext import plain_text
 
 if TYPE_CHECKING:
     from raymap.reader import RayMap
@@ -112,7 +113,7 @@ def warnings_on_stderr() -> Iterator[list[str]]:
         yield said
     said += dict.fromkeys(str(item.message) for item in caught)
     for text in said:
-        typer.echo(f"warning: {text}", err=True)
+        typer.echo(f"warning: {plain_text(text)}", err=True)
 
 
 def _refuse_damage(ray_map: RayMap) -> None:
@@ -280,6 +281,7 @@ def stream_costs(ray_map: RayMap) -> list[dict[str, Any]]:
 def _print_summary(summary: dict[str, Any]) -> None:
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     console = Console(soft_wrap=True, highlight=False)
     per_record = summary["bytes_per_record"]
@@ -303,7 +305,7 @@ def _print_summary(summary: dict[str, Any]) -> None:
         table = Table("stream", "bytes", "raw", "bytes per record")
         for row in summary["streams"]:
             table.add_row(
-                row["stream"],
+                Text(plain_text(row["stream"])),
                 f"{row['bytes']:,}",
                 f"{row['raw_bytes']:,}",
                 f"{row['bytes_per_record']:.4f}",
@@ -383,12 +385,12 @@ def _group(
 def _told(error: RayMapError) -> str:
     """The line on stderr; a short criterion stands in it, with carets below."""
     head = "error: "
-    lines = str(error).split("\n")
+    lines = [plain_text(line) for line in str(error).split("\n")]
     if not isinstance(error, CriterionError) or len(lines) != 3:
-        return f"{head}{error}"
+        return head + "\n".join(lines)
     message, shown, carets = lines[0], lines[1][2:].rstrip(), lines[2]
     if len(head) + len(shown) > 72:
-        return f"{head}{error}"
+        return head + "\n".join(lines)
     message = re.sub(r" \(column \d+\)$", "", message)
     return f"{head}{shown}: {message}\n{' ' * len(head)}{carets[2:]}"
 

@@ -17,8 +17,9 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, FailFast, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, FailFast, Field, model_validator
 
+from raymap.plaintext import plain_text
 from raymap.schema import MAX_CELLS_PER_SIDE, MAX_INDEX, MAX_PRIMITIVES, NONE
 
 __all__ = [
@@ -47,7 +48,10 @@ class _Entry(BaseModel):
     model_config = ConfigDict(frozen=True, extra="allow", allow_inf_nan=False)
 
 
-Name = Annotated[str, Field(min_length=1, max_length=1024)]
+PlainText = Annotated[str, AfterValidator(plain_text)]
+"""A text that people read; what acts on a terminal or a line is spelt out."""
+
+Name = Annotated[PlainText, Field(min_length=1, max_length=1024)]
 
 
 class Source(_Entry):
@@ -55,7 +59,7 @@ class Source(_Entry):
 
     name: Name
     flux: Annotated[float, Field(ge=0)] = 1.0
-    kind: str = ""
+    kind: PlainText = ""
     parameters: Parameters = {}
 
 
@@ -63,7 +67,7 @@ class Medium(_Entry):
     """A medium by name; indices and absorption per channel stand in the channel sets."""
 
     name: Name
-    kind: str = ""
+    kind: PlainText = ""
     parameters: Parameters = {}
 
 
@@ -80,7 +84,7 @@ class Surface(_Entry):
     """Optical properties of faces; numeric ``parameters`` can be asked for in criteria."""
 
     name: Name
-    kind: str = ""
+    kind: PlainText = ""
     parameters: Parameters = {}
 
     @property
@@ -146,7 +150,7 @@ class SceneObject(_Entry):
     """A body of the scene; its faces cover its primitives in order, without gaps."""
 
     name: Name
-    kind: str = ""
+    kind: PlainText = ""
     faces: Annotated[tuple[Face, ...], FailFast()] = ()
     parameters: Parameters = {}
 
@@ -284,7 +288,7 @@ class Directory(_Entry):
         frozen=True, extra="allow", allow_inf_nan=False, ignored_types=(cached_property,)
     )
 
-    length_unit: str = "mm"
+    length_unit: PlainText = "mm"
     flux_unit: Literal["W", "lm"] = "W"
     sources: Annotated[tuple[Source, ...], Field(max_length=MAX_INDEX), FailFast()]
     objects: Annotated[tuple[SceneObject, ...], Field(max_length=MAX_INDEX), FailFast()] = ()
@@ -296,7 +300,7 @@ class Directory(_Entry):
     """Hash of geometry, media, surfaces, sources and detectors; maps of one scene share it."""
     scene_text: str = ""
     """The scene description as the user wrote it, for people."""
-    title: str = ""
+    title: PlainText = ""
     parameters: Parameters = {}
 
     @model_validator(mode="after")

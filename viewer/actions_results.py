@@ -9,7 +9,7 @@ from viewer.actions_criterion import CriterionActions
 from viewer.answers import path_of_ray
 from viewer.core import DETECTOR
 from viewer.export import to_glb, to_vtp
-from viewer.state import Region, StateError, state_to_json
+from viewer.state import MOST_PATHS, Region, StateError, state_to_json
 from viewer.tree import criterion_tree, tree_text, with_region
 
 __all__ = ["ResultActions"]
@@ -79,6 +79,8 @@ class ResultActions(CriterionActions):
             paths = (text,)
         else:
             paths = tuple(p for p in before if p != text) if text in before else (*before, text)
+        if len(paths) > MOST_PATHS:
+            raise StateError(f"at most {MOST_PATHS} paths are shown together")
         changes: dict[str, Any] = {"paths": paths}
         if len(paths) > 1 and self.session.state.color == "natural":
             changes["color"] = "path"
@@ -111,6 +113,9 @@ class ResultActions(CriterionActions):
 
     def choose_point(self, point: int) -> None:
         """A point of the report, marked in the scene."""
+        points = len(self.page.report["points"]) if self.page.report else 0
+        if not 0 <= int(point) < points:
+            raise StateError(f"the report has {points} points")
         self.session.update(point=int(point))
         self._repaint(**self.inquiry.point_fields())
 

@@ -7,7 +7,8 @@ from typing import Any
 
 from viewer.core import LOOK, RAY_STEPS, Core
 from viewer.panel_scene import section_fields, section_of
-from viewer.state import Clip, state_to_address
+from viewer.session import MOST_PIXELS_ACROSS
+from viewer.state import Clip, StateError, state_to_address
 
 __all__ = ["SceneActions"]
 
@@ -102,6 +103,17 @@ def _pair(values: Any) -> tuple[float, float] | None:
 
 
 def _size(request: dict[str, Any]) -> tuple[int, int]:
-    """Size of the panel, within reason."""
-    width, height = int(request["width"]), int(request["height"])
-    return min(max(width, 16), 4096), min(max(height, 16), 4096)
+    """Size of the panel [pixels of the page].
+
+    Raises
+    ------
+    StateError
+        No screen has such a panel.
+    """
+    width, height = request["width"], request["height"]
+    for value in (width, height):
+        if not isinstance(value, int) or not 1 <= value <= MOST_PIXELS_ACROSS:
+            raise StateError(
+                f"the picture must have 1 to {MOST_PIXELS_ACROSS} pixels across, not {value!r}"
+            )
+    return max(width, 16), max(height, 16)

@@ -34,6 +34,12 @@ CLIP = ("clip_event", "clip_after", "clip_until")
 ANSWERING = ("frame", "hover")
 """Coroutines whose answer the page waits for."""
 
+MOST_TASKS = 64
+"""What pages asked for and is not yet done."""
+
+MOST_MESSAGE = 500
+"""Characters of a message on the page."""
+
 REFRESH_SECONDS = 2.0
 """How often a map that is still recorded is looked at again."""
 
@@ -62,6 +68,7 @@ class Core:
         self._size = (900, 700)
         self._quiet = False
         self._damage_told = 0
+        server.raymap_incoming.say = self.say
 
     def _guarded(self, function: Callable[..., Any]) -> Callable[..., Any]:
         """Turn refused requests into messages on the page; the server goes on.
@@ -75,7 +82,7 @@ class Core:
                 return await work
             except RayMapError as error:
                 self.say(str(error), "error")
-            except (OSError, TypeError, ValueError, LookupError, AttributeError) as error:
+            except Exception as error:
                 # Whatever a page may send, or a file may do, it ends here
                 self.say(f"this cannot be done ({type(error).__name__}: {error})", "error")
             return None
@@ -85,6 +92,9 @@ class Core:
                 result = function(*arguments)
                 return await result if asyncio.iscoroutine(result) else result
 
+            if len(self._tasks) >= MOST_TASKS:
+                self.say("so much is under way that this was left out: wait a moment", "error")
+                return None
             if asyncio.iscoroutinefunction(function) and function.__name__ not in ANSWERING:
                 self._spawn(contained(work()))
                 return None
@@ -111,7 +121,8 @@ class Core:
     # -- messages --------------------------------------------------------------------------------
 
     def say(self, text: str, kind: str = "note") -> None:
-        """Show a message in the page; the same one only once."""
+        """Show a message in the page, in one line; the same one only once."""
+        text = text if len(text) <= MOST_MESSAGE else f"{text[:MOST_MESSAGE]}…"
         with self.page:
             others = [item for item in self.page.messages if item["text"] != text]
             key = int(time.monotonic() * 1e6)

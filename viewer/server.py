@@ -9,12 +9,14 @@ import secrets
 import sys
 import threading
 import webbrowser
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from raymap.errors import MissingExtra, RayMapError
+from viewer.guard import Guard, inline_script_hashes
+from viewer.incoming import MOST_BYTES, Incoming
 from viewer.state import ViewState
 
 if TYPE_CHECKING:
@@ -23,12 +25,6 @@ if TYPE_CHECKING:
 __all__ = ["RunningServer", "make_server", "run_in_thread", "serve"]
 
 STATIC = Path(__file__).with_name("static")
-
-_NO_TOKEN = (
-    "<!doctype html><title>Raymap</title><body style='font-family:sans-serif;margin:3em'>"
-    "<h2>This address lacks its token</h2><p>Open the whole address that <code>raymap view</code> "
-    "printed, with <code>?secret=…</code> in it.</p></body>"
-)
 
 
 def make_server(token: str) -> Any:
@@ -46,7 +42,9 @@ def make_server(token: str) -> Any:
             f"the application needs {error.name}, which is not installed: "
             "pip install 'raymap[view]'"
         ) from None
-    server = get_server(f"raymap-{secrets.token_hex(4)}", client_type="vue3")
+    server = get_server(
+        f"raymap-{secrets.token_hex(4)}", client_type="vue3", ws_max_msg_size=MOST_BYTES
+    )
     server.enable_module(
         {
             "serve": {"__raymap": str(STATIC)},
@@ -55,24 +53,20 @@ def make_server(token: str) -> Any:
             "vue_use": ["RaymapWidgets"],
         }
     )
+    from trame_client.module.vue3 import www
 
-    server.state.token = token
+    guard = Guard(token, inline_script_hashes(Path(www) / "index.html"))
+    incoming = Incoming(server, guard)
 
-    def guard(web_server: Any) -> None:
-        from aiohttp import web
+    def bind(web_server: Any) -> None:
+        incoming.bind(web_server)
+        guard.watch(incoming.sockets, incoming.all_sockets)
+        web_server.app.middlewares.append(guard.middleware())
+        web_server.app.on_response_prepare.append(guard.before_answer)
 
-        @web.middleware
-        async def check(request: Any, handler: Callable[[Any], Any]) -> Any:
-            if request.path in ("/", "/index.html"):
-                given = request.query.get("secret", "")
-                if not secrets.compare_digest(given.encode(), token.encode()):
-                    return web.Response(text=_NO_TOKEN, content_type="text/html", status=403)
-            return await handler(request)
-
-        web_server.app.middlewares.append(check)
-
-    server.controller.on_server_bind.add(guard)
+    server.controller.on_server_bind.add(bind)
     server.controller.on_server_ready.add(lambda **_: server.protocol.updateSecret(token))
+    server.raymap_guard, server.raymap_incoming = guard, incoming
     return server
 
 
@@ -211,6 +205,7 @@ class RunningServer:
         """Show the page: as a frame in a notebook, else in the browser."""
         shell = sys.modules.get("IPython")
         if shell is not None and shell.get_ipython() is not None:
+            self.server.raymap_guard.in_notebook = True
             from IPython.display import IFrame, display
 
             display(IFrame(self.url, width="100%", height=height))  # type: ignore[no-untyped-call]

@@ -6,6 +6,7 @@ The state is an immutable `ViewState`; pictures are made from it in any thread.
 
 from __future__ import annotations
 
+import math
 import threading
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, cast
@@ -24,7 +25,13 @@ from viewer.state import Camera, ViewState, check_camera
 if TYPE_CHECKING:
     from raymap.reader import RayMap
 
-__all__ = ["Session"]
+__all__ = ["MOST_PIXELS", "MOST_PIXELS_ACROSS", "Session"]
+
+MOST_PIXELS = 2**23
+"""Of a picture for the page: a screen of 3840 × 2160."""
+
+MOST_PIXELS_ACROSS = 16_384
+"""Of the panel of a page."""
 
 
 class Session:
@@ -159,17 +166,22 @@ class Session:
         """
         state, shown = self.state, self.shown()
         camera = self.camera(width, height)
-        scale = min(1.0, 700 / max(width, height)) if coarse else ratio
+        # A larger picture is painted with fewer pixels, which the page enlarges
+        most = math.sqrt(MOST_PIXELS / (width * height))
+        scale = min(1.0, 700 / max(width, height)) if coarse else min(ratio, most)
         size = max(16, round(width * scale)), max(16, round(height * scale))
+        fine = coarse or ratio > 1.4 or 2 * size[0] * size[1] > MOST_PIXELS
         pixels = self.painter.paint(
             replace(state, width=max(0.6, state.width * scale)), shown, camera, *size,
-            coarse=coarse, supersampling=1 if coarse or ratio > 1.4 else 2,
+            coarse=coarse, supersampling=1 if fine else 2,
             chosen=self.chosen, point=state.point,
         )  # fmt: skip
         return encode_jpeg(pixels, 70 if coarse else 92)
 
     def picture(self, width: int, height: int) -> bytes:
-        """The picture with its legend as PNG."""
+        """The picture with its legend as PNG; a larger one is made with fewer pixels."""
+        shrink = min(1.0, math.sqrt(MOST_PIXELS / (width * height)))
+        width, height = max(16, round(width * shrink)), max(16, round(height * shrink))
         shown = self.shown()
         pixels = self.painter.paint(
             self.state, shown, self.camera(width, height), width, height, supersampling=2,

@@ -24,6 +24,7 @@ from raymap.replacing import replacing
 
 __all__ = [
     "COLOR_RULES",
+    "MOST_PATHS",
     "PANELS",
     "Camera",
     "Clip",
@@ -51,7 +52,20 @@ Upward = Literal["y", "z", "x"]
 Panel = Literal["criterion", "detector", "paths", "report"]
 PANELS: tuple[str, ...] = typing.get_args(Panel)
 
+MOST_PATHS = 64
+"""Paths of the table that are shown together."""
+
 _MAX_BYTES = 1 << 20
+_MOST_CRITERION = 20_000
+_LARGEST = 1e15
+_RANGES = {
+    "rays": (1, 10_000_000),
+    "width": (0.01, 100),
+    "opacity": (0, 1),
+    "body_opacity": (0, 3),
+    "ray": (0, 2**62),
+    "point": (0, 2**31),
+}
 
 
 class StateError(RayMapError, ValueError):
@@ -257,8 +271,23 @@ def state_from_json(values: Any) -> ViewState:
         A field has the wrong kind of value; the message names it.
     """
     state = _read_dataclass(ViewState, values, "")
-    if not 1 <= state.rays <= 10_000_000:
-        raise _fail("rays", "between 1 and 10000000", state.rays)
+    for name, (least, most) in _RANGES.items():
+        value = getattr(state, name)
+        if value is not None and not least <= value <= most:
+            raise _fail(name, f"between {least} and {most}", value)
+    for name, size in (("after", state.clip.after), ("until", state.clip.until)):
+        if not 0 <= size <= 10**6:
+            raise _fail(f"clip.{name}", "between 0 and 1000000", size)
+    if not all(0 <= value <= 1 for value in state.opacities.values()):
+        raise _fail("opacities", "between 0 and 1", state.opacities)
+    if len(state.paths) > MOST_PATHS:
+        raise _fail("paths", f"at most {MOST_PATHS} paths", state.paths)
+    if len(state.criterion) > _MOST_CRITERION:
+        raise _fail("criterion", f"at most {_MOST_CRITERION} characters", state.criterion)
+    if not math.hypot(*state.section.normal) <= _LARGEST:
+        raise _fail("section.normal", "a direction", state.section.normal)
+    if abs(state.section.offset) > _LARGEST:
+        raise _fail("section.offset", f"at most {_LARGEST:g}", state.section.offset)
     if state.camera is not None:
         check_camera(state.camera)
     return state
@@ -266,6 +295,9 @@ def state_from_json(values: Any) -> ViewState:
 
 def check_camera(camera: Camera) -> None:
     """Refuse a camera that sees nothing."""
+    numbers = (*camera.position, *camera.focal_point, *camera.view_up, camera.height)
+    if not all(abs(number) <= _LARGEST for number in numbers):
+        raise _fail("camera", f"numbers of at most {_LARGEST:g}", numbers)
     direction = [b - a for a, b in zip(camera.position, camera.focal_point, strict=True)]
     up = camera.view_up
     across = (

@@ -22,10 +22,17 @@ class Page:
         self.errors: list[str] = []
         self.hosts: set[str] = set()
         self.tab.on("pageerror", lambda error: self.errors.append(str(error)))
+        # What the content security policy stops is said on the console
+        self.tab.on("console", self._note)
         self.tab.on("request", lambda request: self.hosts.add(request.url.split("/")[2]))
         self.tab.set_default_timeout(60_000)
         self.tab.goto(url)
         self.settle()
+
+    def _note(self, message: Any) -> None:
+        # trame looks for a launcher first; there is none
+        if message.type == "error" and "/paraview/" not in message.location["url"]:
+            self.errors.append(message.text)
 
     def settle(self) -> None:
         """Wait until the answer is there and painted."""

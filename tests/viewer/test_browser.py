@@ -99,6 +99,22 @@ def test_the_address_needs_its_token(browser: Any, server: RunningServer) -> Non
     context.close()
 
 
+def test_the_token_leaves_the_address_and_a_cookie_stands_for_it(
+    page: Page, server: RunningServer
+) -> None:
+    page.ask(GHOSTS)
+    page.tab.wait_for_function("location.hash.length > 10")
+    assert server.token not in page.tab.url
+    assert "secret" not in page.tab.url
+    assert server.token not in page.tab.content()
+    assert page.tab.evaluate("document.cookie") == ""
+    page.tab.reload()
+    page.settle()
+    assert page.get("criterion").input_value() == GHOSTS
+    assert page.text("answer").startswith(count_of(server, GHOSTS))
+    page.ask("")
+
+
 def test_a_criterion_is_typed_completed_and_answered(page: Page, server: RunningServer) -> None:
     box = page.get("criterion")
     box.click()
@@ -329,7 +345,7 @@ def test_two_tabs_share_a_session_and_one_may_close(
 ) -> None:
     page.ask(GHOSTS)
     page.tab.wait_for_function("location.hash.length > 10")
-    other = Page(browser, page.tab.url)
+    other = Page(browser, f"{server.url}#{page.tab.url.partition('#')[2]}")
     assert other.get("criterion").input_value() == GHOSTS
     page.wait_text("messages", "2 tabs")
     other.ask(TUBE)
@@ -353,7 +369,7 @@ def test_the_address_restores_a_session(browser: Any, server: RunningServer, pag
         page.tab.wait_for_timeout(100)
     page.ask("")
     page.show("paths")
-    again = Page(browser, address)
+    again = Page(browser, f"{server.url}#{address.partition('#')[2]}")
     again.tab.wait_for_function(
         "document.querySelector('[data-testid=criterion]').value === 'hit(\"tube\")'"
     )

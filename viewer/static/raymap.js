@@ -249,13 +249,16 @@
 
   // -- keeps the session in the address, restores it, counts the tabs ---------------------------
   const RmSession = {
-    props: { address: { type: String, default: "" }, token: String, file: Object },
+    props: { address: { type: String, default: "" }, file: Object },
     template: "<span></span>",
     mounted() {
-      const url = new URL(window.location);
-      // The client takes the token out of the address; put it back, so that reloading works
-      if (this.token && !url.searchParams.get("secret")) {
-        url.searchParams.set("secret", this.token);
+      // The client takes the token out of the address, where a cookie stands for it from now on. In
+      // the frame of a notebook there may be no cookie, and no address that anybody sees: put it back
+      const opened = performance.getEntriesByType("navigation")[0];
+      const secret = opened && new URL(opened.name).searchParams.get("secret");
+      if (secret && window.top !== window) {
+        const url = new URL(window.location);
+        url.searchParams.set("secret", secret);
         window.history.replaceState({}, document.title, url);
       }
       const session = window.location.hash.slice(1);

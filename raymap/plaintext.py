@@ -1,0 +1,28 @@
+"""Texts of strangers as one line that does nothing but stand there.
+
+A name of a map may hold what steers a terminal (escape sequences that clear the screen or set its
+title), turns the direction of writing around (so that a line reads as another one), or cannot be
+written at all (half of a surrogate pair). Such characters are shown as ``\\x1b``, ``\\u202e``.
+"""
+
+from __future__ import annotations
+
+import re
+
+__all__ = ["plain_text"]
+
+# Control characters (C0, DEL, C1), line and paragraph separators, marks, embeddings, overrides and
+# isolates of direction (Unicode Standard Annex 9), the mark of byte order, lone surrogates
+_ACTIVE = re.compile(
+    "[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ufeff\ud800-\udfff]"
+)
+
+
+def plain_text(text: str) -> str:
+    """A text in which every character that acts on its surroundings is spelt out."""
+    return _ACTIVE.sub(_spelt, text)
+
+
+def _spelt(found: re.Match[str]) -> str:
+    code = ord(found[0])
+    return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}"

@@ -1,0 +1,286 @@
+"""Whatever comes through the socket, the session goes on and stays small."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import resource
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import aiohttp
+import msgpack
+import pytest
+from wslink.chunking import generate_chunks
+
+import raymap
+from viewer.core import MOST_TASKS
+from viewer.incoming import FIELDS, MOST_BYTES
+from viewer.server import RunningServer, run_in_thread
+from viewer.state import ViewState
+
+
+@pytest.fixture(scope="module")
+def server(map_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CONFIG_HOME", str(tmp_path_factory.mktemp("config")))
+        with raymap.open(map_path) as ray_map:
+            running = run_in_thread(ray_map, ViewState(rays=20))
+            yield running
+            running.stop()
+
+
+class Client:
+    """A page made by hand."""
+
+    def __init__(self, socket: Any) -> None:
+        self.socket, self.number = socket, 0
+        self.state: dict[str, Any] = {}
+
+    async def call(self, method: str, *args: Any, **kwargs: Any) -> Any:
+        """Send a call and wait for its answer; states that come meanwhile are kept."""
+        self.number += 1
+        name = f"rpc:c:{self.number}"
+        await self.raw({"wslink": "1.0", "id": name, "method": method, "args": list(args),
+                        "kwargs": kwargs})  # fmt: skip
+        while True:
+            found = await self.receive()
+            if found.get("id") == name:
+                return found.get("result", found.get("error"))
+
+    async def receive(self) -> dict[str, Any]:
+        parts: list[bytes] = []
+        while True:
+            message = await asyncio.wait_for(self.socket.receive(), 120)
+            assert message.type == aiohttp.WSMsgType.BINARY, message
+            parts.append(message.data[12:])
+            if sum(map(len, parts)) >= int.from_bytes(message.data[8:12], "little"):
+                found = msgpack.unpackb(b"".join(parts), strict_map_key=False)
+                if "trame.state.topic" in str(found.get("id")):
+                    self.state.update(found["result"])
+                return dict(found)
+
+    async def raw(self, message: Any) -> None:
+        for chunk in generate_chunks(msgpack.packb(message), MOST_BYTES):
+            await self.socket.send_bytes(chunk)
+
+    async def hello(self, secret: str) -> Any:
+        await self.raw({"wslink": "1.0", "id": "system:c0:0", "method": "wslink.hello",
+                        "args": [{"secret": secret}], "kwargs": {}})  # fmt: skip
+        return await self.receive()
+
+
+def drive(server: RunningServer, script: Any, secret: str | None = None) -> Any:
+    async def run() -> Any:
+        where = f"http://localhost:{server.server.port}/ws"
+        async with aiohttp.ClientSession() as session, session.ws_connect(where) as socket:
+            client = Client(socket)
+            await client.hello(server.token if secret is None else secret)
+            return await script(client)
+
+    return asyncio.run(run())
+
+
+WRONG: dict[str, list[Any]] = {
+    "numbers": [math.nan, math.inf, -math.inf, 1e300, -1, 10**18, 2**63],
+    "others": [None, "x" * 40_000, [1] * 100, {"a": {"b": {}}}, b"\0" * 1000, True, "", "NaN"],
+}
+
+
+def test_every_field_of_the_page_is_bounded(server: RunningServer) -> None:
+    state = server.server.state
+    before = {key: state[key] for key in FIELDS}
+
+    async def script(client: Client) -> None:
+        for value in (*WRONG["numbers"], *WRONG["others"]):
+            await client.call(
+                "trame.state.update", [{"key": key, "value": value} for key in FIELDS]
+            )
+            kept = {key: state[key] for key in FIELDS}
+            for key, found in kept.items():
+                # What was taken is within its bounds: reading it again changes nothing
+                assert FIELDS[key](found) == found, key
+                size = len(found) if isinstance(found, str | list | dict) else 0
+                assert size <= 4096, key
+        assert {item["kind"] for item in state.messages} == {"error"}
+        assert all(len(item["text"]) < 600 for item in state.messages)
+        await client.call(
+            "trame.state.update", [{"key": key, "value": value} for key, value in before.items()]
+        )
+        assert {key: state[key] for key in FIELDS} == before
+        reply = await client.call("trame.trigger", "rm_frame",
+                                  [{"width": 64, "height": 48, "ratio": 1}], {})  # fmt: skip
+        assert bytes(reply["image"])[:2] == b"\xff\xd8"
+
+    drive(server, script)
+
+
+def test_unknown_keys_are_ignored(server: RunningServer) -> None:
+    state = server.server.state
+    known = set(state.to_dict())
+    names = ("version", "map_name", "messages", "detectors", "trame__title", "objects")
+    own = {name: state[name] for name in names}
+
+    async def script(client: Client) -> None:
+        keys = [*own, *(f"made{n}" for n in range(5000)), "__class__", "trame__vue_use", 7, None]
+        await client.call(
+            "trame.state.update", [{"key": name, "value": "<script>"} for name in keys]
+        )
+        for wrong in (None, 3, "x", {"key": "dark"}, [None, 3, [], {"value": 1}]):
+            await client.call("trame.state.update", wrong)
+
+    drive(server, script)
+    assert set(state.to_dict()) == known
+    assert {name: state[name] for name in own} == own
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments"),
+    [
+        ("rm_frame", [{"width": 10**9, "height": 10**9, "ratio": 1}]),
+        ("rm_frame", [{"width": 16_384, "height": 16_384, "ratio": 2}]),
+        ("rm_frame", [{"width": 800, "height": 600, "ratio": math.nan}]),
+        ("rm_frame", [{"width": 800, "height": 600, "ratio": 1, "zoom": math.nan, "x": 0, "y": 0}]),
+        ("rm_frame", [{"width": 800, "height": 600, "ratio": 1, "orbit": [1e15, 1e15]}]),
+        ("rm_pick", [{"width": 10**9, "height": 10**9, "x": 0, "y": 0}]),
+        ("rm_hover", [{"width": -5, "height": 0, "x": math.inf, "y": 0}]),
+        ("rm_export", ["png"]),
+        ("rm_load", ['{"width": 1e200}']),
+        ("rm_load", ['{"opacities": {"L1": 1e308}}']),
+        ("rm_load", ['{"clip": {"after": 1e18}}']),
+        ("rm_load", ['{"camera": {"position": [1e200, 0, 0], "focal_point": [0, 0, 0], '
+                     '"view_up": [0, 1, 0], "height": 1}}']),
+        ("rm_load", ["[" * 500_000]),
+        ("rm_load", ["x" * 1_100_000]),
+        ("rm_restore", ["A" * 900_000]),
+        ("rm_criterion", ["(" * 19_000]),
+        ("rm_criterion", ['hit("' + "*a" * 9_000 + '")']),
+        ("rm_complete", ['hit("' + "*" * 15_000, 15_000]),
+        ("rm_complete", ["hit(", 10**15]),
+        ("rm_path", ["toggle", "x" * 19_000]),
+        ("rm_ray", ["9" * 5000]),
+        ("rm_ray", [math.inf]),
+        ("rm_point", [10**14]),
+        ("rm_shelf", ["save", "n" * 19_000]),
+        ("rm_region", [{"shape": "rect", "values": [1e15, 1e15, 1e15, math.nan]}]),
+        ("rm_place", [[10**14, 10**14]]),
+        ("rm_rays", [10**14]),
+        ("rm_opacity", ["nothing", math.nan]),
+        ("rm_object", ["x" * 10_000]),
+        ("rm_tree", ["count", "0." * 9_000, ">= 1"]),
+        ("rm_dismiss", [[[[[[[[1]]]]]]]]),
+        ("rm_hover", [[0] * 5000]),
+        ("rm_nothing", []),
+        ("__init__", []),
+        ("rm_frame", {"a": 1}),
+        ("rm_cancel", [1, 2, 3]),
+    ],
+)  # fmt: skip
+def test_calls_are_bounded(server: RunningServer, name: str, arguments: Any) -> None:
+    async def script(client: Client) -> None:
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        began = asyncio.get_running_loop().time()
+        await client.call("trame.trigger", name, arguments, {})
+        reply = await client.call("trame.trigger", "rm_frame",
+                                  [{"width": 64, "height": 48, "ratio": 1}], {})  # fmt: skip
+        assert bytes(reply["image"])[:2] == b"\xff\xd8"
+        # Not a timed test: a wedged session took minutes and gigabytes
+        assert asyncio.get_running_loop().time() - began < 60
+        assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 700_000
+
+    drive(server, script)
+    assert all("\n" not in item["text"][:600].strip() or item["kind"] != "error"
+               for item in server.server.state.messages)  # fmt: skip
+    # The map is asked as before
+    answer = server.application.session.map
+    assert answer.rays == 1200
+    server.application.session.state = ViewState(rays=20)
+
+
+def test_messages_that_are_none(server: RunningServer) -> None:
+    async def script(client: Client) -> None:
+        for message in (3, None, [], {"id": 3}, {"id": "x", "method": ["y"]}, {"id": "x"},
+                        {"id": "rpc:1", "method": "trame.trigger", "args": 3, "kwargs": []},
+                        {"id": "rpc:2", "method": "x" * 500}):  # fmt: skip
+            await client.raw(message)
+        assert await client.call("application.exit", 1) is not None
+        assert (await client.call("trame.lifecycle.update", "x" * 1000)) is None
+        await client.call("trame.error.client", "broken\n" * 10_000)
+        assert (await client.call("trame.state.get"))["state"]["map_name"] == "small.raymap"
+
+    drive(server, script)
+
+    async def large(client: Client) -> None:
+        header = b"\1" * 4 + (0).to_bytes(4, "little") + (2**31).to_bytes(4, "little")
+        await client.socket.send_bytes(header + b"x")
+        # Other messages of the session may come before the end
+        for _ in range(100):
+            message = await asyncio.wait_for(client.socket.receive(), 60)
+            if message.type != aiohttp.WSMsgType.BINARY:
+                break
+        assert client.socket.closed
+
+    drive(server, large)
+
+
+def test_without_token_nothing_is_answered(
+    server: RunningServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def script(client: Client) -> None:
+        for method in ("trame.state.get", "trame.trigger", "trame.state.update"):
+            found = await client.call(method, "rm_cancel", [], {})
+            assert "Unauthorized" in str(found), found
+
+    for wrong in ("", "wslink-secret", server.token[:-1], server.token + "x"):
+        drive(server, script, wrong)
+
+    monkeypatch.setattr("viewer.incoming._LOGIN_SECONDS", 0.5)
+
+    async def idle(client: Client) -> None:
+        message = await asyncio.wait_for(client.socket.receive(), 60)
+        assert message.type in (aiohttp.WSMsgType.CLOSE, aiohttp.WSMsgType.CLOSED)
+
+    drive(server, idle, "wrong")
+
+    async def many() -> int:
+        where = f"http://localhost:{server.server.port}/ws"
+        async with aiohttp.ClientSession() as session:
+            refused, sockets = 0, []
+            for _ in range(12):
+                try:
+                    sockets.append(await session.ws_connect(where))
+                except aiohttp.WSServerHandshakeError as error:
+                    refused += error.status == 503
+            for socket in sockets:
+                await socket.close()
+        return refused
+
+    monkeypatch.setattr("viewer.incoming._LOGIN_SECONDS", 60)
+    assert asyncio.run(many()) >= 4
+
+
+def test_a_flood_of_requests_is_left_out(server: RunningServer) -> None:
+    async def script(client: Client) -> None:
+        for number in range(300):
+            asked = ["rm_criterion", [f"length > {number}"], {}]
+            await client.raw(
+                {
+                    "wslink": "1.0",
+                    "id": f"rpc:c:x{number}",
+                    "method": "trame.trigger",
+                    "args": asked,
+                }
+            )
+        await client.call("trame.trigger", "rm_criterion", ["length > 1"], {})
+        # Each of them may follow its own search
+        assert len(server.application._tasks) <= 2 * MOST_TASKS
+        for _ in range(600):
+            if not server.application._tasks:
+                break
+            await asyncio.sleep(0.1)
+        assert not server.application._tasks
+
+    drive(server, script)
+    assert threading.active_count() < 40

@@ -1,0 +1,198 @@
+"""Who reaches the application: Host, Origin and token of every request; headers of answers.
+
+The server listens on this machine's own loop, which every page in the browser can reach, too. A
+page of a stranger may name this address (cross-site requests) or make its own name point here (DNS
+rebinding); other users of the machine may try the port. So each request, whatever it is for, must
+name this machine as its host, must not come from a page of another origin, and must carry the token
+of the address or the cookie that came with it.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import re
+import secrets
+from collections.abc import Awaitable, Callable
+from http.cookies import SimpleCookie
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+__all__ = ["Guard", "inline_script_hashes"]
+
+HOSTS = ("localhost", "127.0.0.1", "::1")
+"""This machine by its names; the port may be another, as at the near end of ``ssh -L``."""
+
+NOTEBOOKS = ("http://localhost:*", "http://127.0.0.1:*", "vscode-webview:")
+"""Pages that may show the application in a frame when a notebook asked for one."""
+
+WEBSOCKET = "/ws"
+MOST_SOCKETS, MOST_WAITING = 64, 8
+"""Sockets that may be open, and how many of them without a token."""
+
+_PAGES = ("/", "/index.html")
+_NO_TOKEN = (
+    "<!doctype html><title>Raymap</title><body>"
+    "<h2>This address lacks its token</h2><p>Open the whole address that <code>raymap view</code> "
+    "printed, with <code>?secret=…</code> in it.</p></body>"
+)
+
+
+class Guard:
+    """Stands before all that the server of one application answers.
+
+    Parameters
+    ----------
+    token : of the address
+    script_hashes : of the scripts that stand in the page itself, as the policy names them
+
+    Attributes
+    ----------
+    in_notebook : whether pages of a local notebook may show the application in a frame
+    """
+
+    def __init__(self, token: str, script_hashes: tuple[str, ...]) -> None:
+        self._token = token
+        # A name of its own: cookies are shared by all ports of a host
+        self._cookie = f"raymap-{secrets.token_hex(4)}"
+        self._key = secrets.token_urlsafe(24)
+        self._scripts = " ".join(f"'{value}'" for value in script_hashes)
+        self.in_notebook = False
+        self._waiting: Callable[[], int] = lambda: 0
+        self._sockets: Callable[[], int] = lambda: 0
+
+    def watch(self, waiting: Callable[[], int], sockets: Callable[[], int]) -> None:
+        """Learn how many sockets said no token yet, and how many there are."""
+        self._waiting, self._sockets = waiting, sockets
+
+    # -- requests --------------------------------------------------------------------------------
+
+    def refusal(self, request: Any) -> tuple[int, str] | None:
+        """Status and reason why a request is refused; None if it may pass.
+
+        Parameters
+        ----------
+        request : of aiohttp
+        """
+        host = _host(f"//{request.headers.get('Host', '')}")
+        if host is None or host[0] not in HOSTS:
+            return 421, "this is not the address of this server"
+        origin = request.headers.get("Origin")
+        if origin is not None and (not origin.startswith("http://") or _host(origin) != host):
+            return 403, "pages of other origins may not ask this server"
+        if request.method not in ("GET", "HEAD"):
+            return 405, "this server only shows"
+        known = self.knows(request)
+        if request.path == WEBSOCKET:
+            # What has no cookie says the token in its first message, or is answered nothing
+            full = self._sockets() >= MOST_SOCKETS or (
+                not known and self._waiting() >= MOST_WAITING
+            )
+            return (503, "too many connections") if full else None
+        if known:
+            return None
+        # The page needed the token and fetches its parts; in a frame it may have no cookie
+        own = request.headers.get("Sec-Fetch-Site") == "same-origin"
+        return None if own and request.path not in _PAGES else (403, _NO_TOKEN)
+
+    def knows(self, request: Any) -> bool:
+        """Whether a request carries the token or the cookie."""
+        given = request.query.get("secret", "")
+        return self.is_token(given) or self._has_cookie(request.headers.get("Cookie", ""))
+
+    def is_token(self, text: object) -> bool:
+        """Whether a text is the token, found out in the same time for all."""
+        given = text if isinstance(text, str) else ""
+        return secrets.compare_digest(given.encode(), self._token.encode())
+
+    def _has_cookie(self, header: str) -> bool:
+        pairs = (part.strip().partition("=") for part in header[:8192].split(";"))
+        values = [value for name, _, value in pairs if name == self._cookie]
+        key = self._key.encode()
+        return any(secrets.compare_digest(value.encode(), key) for value in values)
+
+    # -- answers ---------------------------------------------------------------------------------
+
+    def dress(self, request: Any, response: Any) -> None:
+        """Give an answer its headers, and the page its cookie."""
+        headers = response.headers
+        headers["Content-Security-Policy"] = self.policy(request.headers.get("Host", ""))
+        headers["Referrer-Policy"] = "no-referrer"
+        headers["X-Content-Type-Options"] = "nosniff"
+        headers["Cross-Origin-Resource-Policy"] = "same-origin"
+        headers["Cross-Origin-Opener-Policy"] = "same-origin"
+        headers["Permissions-Policy"] = "camera=(), microphone=(), geolocation=()"
+        headers["Cache-Control"] = "no-store"
+        if not self.in_notebook:
+            headers["X-Frame-Options"] = "DENY"
+        if request.path in _PAGES and self.is_token(request.query.get("secret", "")):
+            cookie: SimpleCookie = SimpleCookie()
+            cookie[self._cookie] = self._key
+            cookie[self._cookie].update({"path": "/", "httponly": True, "samesite": "Strict"})
+            headers["Set-Cookie"] = cookie[self._cookie].OutputString()
+
+    def policy(self, host: str) -> str:
+        """The content security policy of the page.
+
+        Vue compiles the templates of the page in the browser, which takes ``unsafe-eval``; no
+        text of a map is ever part of a template. Vuetify writes its colours into style elements.
+        """
+        named = _host(f"//{host}")
+        socket = "" if named is None or named[0] not in HOSTS else f" ws://{host}"
+        frames = " ".join(NOTEBOOKS) if self.in_notebook else "'none'"
+        return "; ".join(
+            (
+                "default-src 'none'",
+                f"script-src 'self' 'unsafe-eval' {self._scripts}".rstrip(),
+                "style-src 'self' 'unsafe-inline'",
+                "img-src 'self' data: blob:",
+                "font-src 'self' data:",
+                f"connect-src 'self'{socket}",
+                "base-uri 'self'",
+                "form-action 'none'",
+                f"frame-ancestors {frames}",
+            )
+        )
+
+    def middleware(self) -> Any:
+        """The guard as aiohttp takes it."""
+        from aiohttp import web
+
+        @web.middleware
+        async def check(request: Any, handler: Callable[[Any], Awaitable[Any]]) -> Any:
+            refused = self.refusal(request)
+            if refused is None:
+                return await handler(request)
+            status, text = refused
+            kind = "text/html" if text.startswith("<") else "text/plain"
+            return web.Response(text=text, content_type=kind, status=status)
+
+        return check
+
+    async def before_answer(self, request: Any, response: Any) -> None:
+        """What aiohttp calls before it sends any answer, refusals and errors included."""
+        self.dress(request, response)
+
+
+def inline_script_hashes(page: Path) -> tuple[str, ...]:
+    """Hashes of the scripts that stand in a page, as a content security policy names them.
+
+    References
+    ----------
+    W3C, Content Security Policy Level 3, 2.3.1: ``sha256-`` and the base64 of the digest.
+    """
+    found = re.findall(r"<script>(.*?)</script>", page.read_text(encoding="utf-8"), re.S)
+    digests = (hashlib.sha256(text.encode()).digest() for text in found)
+    return tuple(f"sha256-{base64.b64encode(digest).decode()}" for digest in digests)
+
+
+def _host(address: str) -> tuple[str, int | None] | None:
+    """Host name and port of an address; None if it is none."""
+    try:
+        parts = urlsplit(address)
+        if parts.path not in ("", "/") or parts.query or parts.fragment or parts.username:
+            return None
+        return (parts.hostname or "").rstrip("."), parts.port
+    except ValueError:
+        return None
