@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from raymap.events import Event
-from tests.tracer.engine.tracing import trace
+from tests.tracer.engine.tracing import compiled, trace
 from tests.validation import Row, check
 from tracer.optics.coatings import Layer, stack_shares
+from tracer.optics.dispersion import abbe_number
 from tracer.optics.fresnel import fresnel_amplitudes, fresnel_reflectance, schlick_reflectance
 from tracer.optics.glasses import find_glass
 
@@ -219,5 +220,84 @@ def prism() -> list[Row]:
         got = math.degrees(float(np.mean(angle[channel == k])))
         rows.append(
             Row(expected=expected, got=got, tolerance=1e-4, unit="°", of=f"{wavelengths[k]:g} nm")
+        )
+    return rows
+
+
+ABBE = {
+    "COP": (56.0, "zeon.agf, E48R"),
+    "COC": (56.150461, "topas.agf, 5013LS-01"),
+    "PMMA": (57.440791, "misc.agf, PMMA, of the Handbook of Optics II"),
+    "PC": (29.909185, "misc.agf, POLYCARB, of the Handbook of Optics II"),
+    "PS": (30.866877, "misc.agf, POLYSTYR, of the Handbook of Optics II"),
+}
+"""V_d and where it stands in the catalogues."""
+
+
+@check(
+    what="Abbe numbers of plastics",
+    source="Catalogues of glasses for Zemax (AGF_files of github nzhagen/zemaxglass)",
+)
+def abbe_numbers() -> list[Row]:
+    return [
+        Row(
+            expected=abbe,
+            got=abbe_number(find_glass(name).dispersion),
+            tolerance=0.02 * abbe,
+            of=f"{name}: {where}",
+        )
+        for name, (abbe, where) in ABBE.items()
+    ]
+
+
+@check(
+    what="Share that a rod of plastic of 1 m absorbs, ends uncoated",
+    source="PMMA, PC, PS: fibres in Argyros, ISRN Optics 2013, 785162, table 1; COP: 3 mm of E48R "
+    "keep 0.998 (zeon.agf)",
+)
+def plastic_rods() -> list[Row]:
+    rays = 100_000
+    lost_db = {
+        ("PMMA", 650): 0.15,
+        ("PC", 650): 0.5,
+        ("PS", 670): 0.11,
+        ("COP", 460): -math.log10(0.998) * 10.0 / 0.003,
+    }
+    rows = []
+    for (name, wavelength), loss in lost_db.items():
+        scene = compiled(
+            f'''
+            [spectrum]
+            kind = "spectral"
+            wavelengths_nm = [{wavelength}]
+            [media.m]
+            glass = "{name}"
+            [bodies.rod]
+            kind = "cylinder"
+            radius = 10
+            length = 1000
+            medium = "m"
+            [sources.s]
+            kind = "collimated"
+            position = [0, 0, -5]
+            direction = [0, 0, 1]
+            diameter = 1
+            '''
+        )
+        n = float(scene.arrays.medium_f[2, 0])
+        back = ((n - 1.0) / (n + 1.0)) ** 2
+        kept = 10.0 ** (-loss / 10.0)
+        expected = (1.0 - back) * (1.0 - kept) / (1.0 - back * kept)
+        got = trace(scene, rays).endings(Event.VOLUME_ABSORPTION) / rays
+        error = math.sqrt(expected * (1.0 - expected) / rays)
+        rows.append(
+            Row(
+                expected=100.0 * expected,
+                got=100.0 * got,
+                got_error=100.0 * error,
+                tolerance=450.0 * error,
+                unit="%",
+                of=f"{name} at {wavelength} nm",
+            )
         )
     return rows

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
+from raymap.events import Event
+from tests.tracer.engine.tracing import compiled, trace
 from tests.validation import Row, check
 from tracer.scattering.medium import ScatteringMedium
 from tracer.scattering.plate_exact import reflectance_transmittance
@@ -42,3 +46,45 @@ def glass_plate() -> list[Row]:
         Row(expected=float(r), got=float(out.reflectance[0, 0]), tolerance=1e-4, of="R"),
         Row(expected=float(t), got=float(out.transmittance[0, 0]), tolerance=1e-4, of="T"),
     ]
+
+
+@check(
+    what="Light that ABg (0.004, 0.05, 2) scatters at normal incidence, whatever R",
+    source="Closed integral of the BSDF: π A ln(1 + 1/B)",
+)
+def abg_share() -> list[Row]:
+    rays = 200_000
+    expected = math.pi * 0.004 * math.log(1.0 + 1.0 / 0.05)
+    rows = []
+    for reflectance in (0.05, 0.5, 1.0):
+        scene = compiled(
+            f"""
+            [surfaces.m]
+            kind = "mirror"
+            reflectance = {reflectance}
+            scatter = {{ abg = [0.004, 0.05, 2] }}
+            [bodies.p]
+            kind = "disc"
+            outer = 50
+            surface = "m"
+            [sources.s]
+            kind = "collimated"
+            position = [0, 0, 50]
+            direction = [0, 0, -1]
+            diameter = 1
+            """
+        )
+        found = trace(scene, rays)
+        got = np.count_nonzero(found.portion.event & int(Event.GLOSSY_REFLECTION)) / rays
+        error = math.sqrt(expected * (1.0 - expected) / rays)
+        rows.append(
+            Row(
+                expected=100.0 * expected,
+                got=100.0 * got,
+                got_error=100.0 * error,
+                tolerance=450.0 * error,
+                unit="%",
+                of=f"R = {reflectance:g}",
+            )
+        )
+    return rows
