@@ -14,7 +14,6 @@ import hashlib
 import re
 import secrets
 from collections.abc import Awaitable, Callable
-from http.cookies import SimpleCookie
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -127,10 +126,7 @@ class Guard:
         if not self.in_notebook:
             headers["X-Frame-Options"] = "DENY"
         if request.path in _PAGES and self.is_token(request.query.get("secret", "")):
-            cookie: SimpleCookie = SimpleCookie()
-            cookie[self._cookie] = self._key
-            cookie[self._cookie].update({"path": "/", "httponly": True, "samesite": "Strict"})
-            headers["Set-Cookie"] = cookie[self._cookie].OutputString()
+            headers["Set-Cookie"] = f"{self._cookie}={self._key}; Path=/; HttpOnly; SameSite=Strict"
 
     def policy(self, host: str) -> str:
         """The content security policy of the page.
