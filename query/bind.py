@@ -15,7 +15,8 @@ from query.names import FaceNames, ObjectMatch, match_indices, match_objects, un
 from query.path_machine import bind_path
 from query.printer import quoted, to_text
 from query.surface_parameters import COMPARISONS, passes, sides_of
-from query.units import convert, length_factor
+from query.units import ANGLES, convert, length_factor
+from raymap.cells import cells_by_angle
 from raymap.directory import ChannelSet, Detector, Directory
 from raymap.errors import CriterionError, UnknownName
 from raymap.events import FAMILIES
@@ -161,30 +162,50 @@ class Binder:
         """In cells from the lower left corner."""
         numbers = region.numbers
         if region.unit:
-            scale = self._region_scale(region.unit, detector)
-            per_unit = [scale * detector.cells[axis] / detector.size[axis] for axis in (0, 1)]
-            middle = [detector.cells[0] / 2, detector.cells[1] / 2]
-            angles = detector.parameters.get("gamma_deg")
-            if detector.kind == "far_field" and angles is not None:
-                # C and gamma as charts and tables say them: C from 0, gamma from its first row
-                per_unit = [
-                    scale * detector.cells[0] / 360.0,
-                    scale * detector.cells[1] / (angles[1] - angles[0]),
-                ]
-                middle = [0.0, -per_unit[1] * angles[0] / scale]
-            if region.shape == "ellipse":
-                middle += [0.0, 0.0]
-            else:
-                middle += middle
-            numbers = tuple(  # type: ignore[assignment]
-                number * per_unit[place % 2] + middle[place] for place, number in enumerate(numbers)
-            )
+            numbers = self._region_in_cells(region, detector)
         return b.BoundRegion(shape=region.shape, numbers=numbers, cells=detector.cells)
+
+    def _region_in_cells(
+        self, region: c.Region, detector: Detector
+    ) -> tuple[float, float, float, float]:
+        if detector.kind == "camera" and region.unit in ANGLES:
+            return self._field_in_cells(region, detector)
+        scale = self._region_scale(region.unit, detector)
+        angles = cells_by_angle(detector)
+        if angles is not None:
+            per_unit = [scale * per_degree for per_degree, _ in angles]
+            zero = [at_zero for _, at_zero in angles]
+        else:
+            per_unit = [scale * detector.cells[axis] / detector.size[axis] for axis in (0, 1)]
+            zero = [detector.cells[0] / 2, detector.cells[1] / 2]
+        zero += [0.0, 0.0] if region.shape == "ellipse" else zero
+        cells = [n * per_unit[place % 2] + zero[place] for place, n in enumerate(region.numbers)]
+        return cells[0], cells[1], cells[2], cells[3]
+
+    def _field_in_cells(
+        self, region: c.Region, detector: Detector
+    ) -> tuple[float, float, float, float]:
+        """Field angles of a camera, across and up; its picture is even in their tangents."""
+        degrees = [n * convert(1.0, region.unit, "incidence", "mm", "W") for n in region.numbers]
+        half = detector.parameters.get("half_field") or [size / 2 for size in detector.size]
+        problem = ""
+        if region.shape == "ellipse":
+            problem = "an ellipse in angles is none in the picture of a camera; write cells"
+        elif max(abs(angle) for angle in degrees) >= 90.0:
+            problem = "field angles of a camera are less than 90° from its axis"
+        if problem:
+            message = f"region of detector {detector.name!r}: {problem}"
+            raise _Misfit(CriterionError(message), region.unit)
+        cells = [
+            (np.tan(np.radians(angle)) / half[place % 2] + 1.0) * detector.cells[place % 2] / 2
+            for place, angle in enumerate(degrees)
+        ]
+        return float(cells[0]), float(cells[1]), float(cells[2]), float(cells[3])
 
     def _region_scale(self, unit: str, detector: Detector) -> float:
         own = detector.parameters.get("size_unit")
         try:
-            if own in ("deg", "rad"):
+            if own in ANGLES:
                 degrees = convert(1.0, unit, "incidence", "mm", "W")
                 return degrees if own == "deg" else float(np.radians(degrees))
             return length_factor(unit, own or self.directory.length_unit)

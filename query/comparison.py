@@ -250,13 +250,16 @@ def _paired(
         sources[row] = keys.source
         pair.append(Side(table.map, keys, row))
 
-    def ask(_: RayMap) -> PairedErrors | None:
+    # Either map may turn out to have a false footer
+    @asked_again
+    def of_second(_: RayMap) -> PairedErrors | None:
         return paired_errors(pair, criterion, by, sources, threads=threads, cancel=cancel)
 
-    # Either map may turn out to have a false footer
-    again = asked_again(lambda map: asked_again(ask)(tables[1].map))
-    result: PairedErrors | None = again(tables[0].map)
-    return result
+    @asked_again
+    def of_first(_: RayMap) -> PairedErrors | None:
+        return of_second(tables[1].map)
+
+    return of_first(tables[0].map)
 
 
 def _joint(related: Relation, a: float, b: float) -> float:

@@ -8,7 +8,7 @@ rays the same way d is zero for most of them.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -77,8 +77,13 @@ class _Block:
             return self
         if not mask.any():
             return None
-        columns = self.emission, self.row, self.source, self.flux
-        return _Block(self.seed, self.first_ray, self.end, *(c[mask] for c in columns))
+        return replace(
+            self,
+            emission=self.emission[mask],
+            row=self.row[mask],
+            source=self.source[mask],
+            flux=self.flux[mask],
+        )
 
 
 def paired_errors(

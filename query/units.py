@@ -7,7 +7,7 @@ import math
 from raymap.errors import CriterionError
 from raymap.units import METRES
 
-__all__ = ["convert", "known_units", "length_factor", "unit_words"]
+__all__ = ["ANGLES", "convert", "known_units", "length_factor", "unit_words"]
 
 _LENGTH_M = METRES | {"μm": 1e-6, "dm": 1e-1, "km": 1e3, "inch": METRES["in"]}
 _WAVELENGTH_NM = {"nm": 1.0, "um": 1e3, "µm": 1e3, "μm": 1e3, "mm": 1e6, "m": 1e9, "Å": 0.1}
@@ -19,6 +19,8 @@ _ANGLE_DEG = {
     "arcmin": 1 / 60,
     "arcsec": 1 / 3600,
 }
+ANGLES = frozenset(_ANGLE_DEG)
+"""Units of angle."""
 _FLUX = {
     "W": {"W": 1.0, "mW": 1e-3, "uW": 1e-6, "µW": 1e-6, "μW": 1e-6, "nW": 1e-9, "kW": 1e3},
     "lm": {"lm": 1.0, "mlm": 1e-3, "klm": 1e3},

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from raymap.directory import Detector
 from raymap.units import METRES
 
-__all__ = ["CellMeasure", "cell_measure", "is_pinhole"]
+__all__ = ["CellMeasure", "cell_measure", "cells_by_angle", "is_pinhole"]
 
 Floats = NDArray[np.float64]
 Quantity = Literal["area", "solid_angle", "etendue"]
@@ -56,6 +56,21 @@ class CellMeasure:
 def is_pinhole(detector: Detector) -> bool:
     """Whether its picture is summed up while tracing: no ray of the map meets it."""
     return detector.kind == "camera" and detector.parameters.get("lens") == "pinhole"
+
+
+def cells_by_angle(detector: Detector) -> tuple[tuple[float, float], tuple[float, float]] | None:
+    """Cells per degree, and the cell at 0°, of C and of gamma; None where they are not known.
+
+    C and gamma are those of charts and tables: C from 0 on, gamma from its first row.
+    """
+    angles = detector.parameters.get("gamma_deg")
+    if detector.kind != "far_field" or angles is None or not _numbers(angles, 2):
+        return None
+    low, high = float(angles[0]), float(angles[1])
+    if not high > low:
+        return None
+    per_gamma = detector.cells[1] / (high - low)
+    return (detector.cells[0] / 360.0, 0.0), (per_gamma, -low * per_gamma)
 
 
 def cell_measure(detector: Detector, length_unit: str) -> CellMeasure | None:

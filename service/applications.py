@@ -6,7 +6,7 @@ import secrets
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from raymap.errors import RayMapError
@@ -128,13 +128,13 @@ class Applications:
         if opened is None:
             raise BadRequest(f"drawn: no application {key!r} is open")
         application = opened.server.application
-        state, region = application.session.state, application.inquiry.region()
+        state = application.session.state
         drawn: dict[str, Any] = {
             "view": key,
             "map": opened.name,
             "criterion": state.criterion,
             "detector": application.inquiry.detector_name(),
-            "region": None if region is None else asdict(region),
+            "region": application.inquiry.region_in_words(),
             "ray": state.ray,
             "paths": list(state.paths),
             "answered": int(application.page.answered),

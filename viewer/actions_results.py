@@ -44,8 +44,8 @@ class ResultActions(CriterionActions):
 
     async def set_region(self, region: dict[str, Any] | None) -> None:
         """A region was drawn on the image, or taken away."""
-        name = self.inquiry.detector_name()
-        if name is None:
+        detector = self.inquiry.detector()
+        if detector is None:
             return
         value = None
         if region is not None:
@@ -53,7 +53,7 @@ class ResultActions(CriterionActions):
             shape = "ellipse" if region.get("shape") == "ellipse" else "rect"
             value = Region(shape=shape, values=(x0, y0, x1, y1))  # type: ignore[arg-type]
         tree = criterion_tree(self.session.state.criterion)
-        await self.set_criterion(tree_text(with_region(tree, name, value)))
+        await self.set_criterion(tree_text(with_region(tree, detector, value)))
 
     async def set_place(self, place: list[int] | None) -> None:
         """The cell under the mouse: cross sections go through it."""

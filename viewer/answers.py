@@ -18,12 +18,14 @@ from query.ghosts import GhostMatrix, matrix_of
 from query.ghosts import ghost_table as query_ghosts
 from query.images import detector_image as query_image
 from query.path_text import PathNames, exact_criterion, path_text
+from query.pictures import DetectorImage
 from query.printer import to_text
 from query.ray_report import report
 from query.scan import default_threads
 from query.selector import bind_all
 from query.tables import path_table as query_table
 from raymap.cells import is_pinhole
+from raymap.directory import ChannelSet, Detector
 from raymap.errors import DamagedPortion, RayMapError
 from viewer.gather import read_rays, thin
 from viewer.itinerary import headline
@@ -257,39 +259,35 @@ def ray_report(ray_map: RayMap, ray_id: int) -> dict[str, Any]:
 
 def detector_image(
     ray_map: RayMap, name: str, text: str, *, cancel: Cancel | None = None
-) -> NDArray[np.float64]:
-    """(cells_v, cells_u) flux that the rays of a selection brought to a detector.
+) -> DetectorImage:
+    """The picture that the rays of a selection made on a detector.
 
-    A pinhole's picture is there as a whole only: no ray meets it, so selections leave it dark.
+    A pinhole's picture is there as a whole only: no ray meets it, so selections leave it dark. So
+    do those in a map without rays, and all is dark in one that is only begun.
     """
     entry = next(entry for entry in ray_map.directory.detectors if entry.name == name)
-    if ray_map.rays == 0 or (is_pinhole(entry) and text.strip()):
-        return np.zeros(entry.cells[::-1])
-    if not text.strip():
-        known = _recorded_image(ray_map, name)
-        if known is not None:
-            return known
-    return query_image(ray_map, name, text or None, cancel=cancel).flux
+    selects = bool(text.strip())
+    if selects and (is_pinhole(entry) or not ray_map.rays):
+        return _dark(ray_map, entry)
+    if not ray_map.rays and not ray_map.without_rays:
+        return _dark(ray_map, entry)
+    return query_image(ray_map, name, text if selects else None, cancel=cancel)
 
 
-def _recorded_image(ray_map: RayMap, name: str) -> NDArray[np.float64] | None:
-    """What the detector itself counted, if that says the flux: no ray is read.
-
-    Sums do not tell sources apart, so their rays must carry the same radiant flux.
-    """
-    if len(ray_map.channel_sets) != 1:
-        return None
-    emitted, light = ray_map.emitted, ray_map.photometry(0)
-    if light.unit == "lm" and not light.known.all():
-        return None
-    per_ray = light.radiant_factors(emitted)[emitted > 0]
-    if len(per_ray) == 0 or np.ptp(per_ray) > 1e-9 * per_ray.max():
-        return None
-    found = ray_map.detector_result(name)
-    if found is None:
-        return None
-    flux: NDArray[np.float64] = light.flux_by_channel(found[0] * per_ray[0]).sum(axis=2)
-    return flux
+def _dark(ray_map: RayMap, entry: Detector) -> DetectorImage:
+    # A map that is only begun has no channels yet; any will do for darkness
+    begun = ChannelSet(kind="spectral", wavelengths_nm=(555.0,))
+    channels = ray_map.channel_sets[0] if ray_map.channel_sets else begun
+    shape = entry.cells[::-1]
+    return DetectorImage(
+        detector=entry,
+        channel_set=channels,
+        flux_unit=ray_map.directory.flux_unit,
+        length_unit=ray_map.directory.length_unit,
+        channels=np.zeros((*shape, channels.n_channels)),
+        variance=np.zeros(shape),
+        rays=np.zeros(shape, np.int64),
+    )
 
 
 def ghost_matrix(ray_map: RayMap, text: str, *, cancel: Cancel | None = None) -> GhostMatrix | str:

@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from query.builders import event
+from query.doubt import MARK
 from query.ghosts import ghost_reflections
-from raymap.cells import cell_measure
+from raymap.cells import cells_by_angle
+from raymap.directory import Detector
 from raymap.errors import RayMapError
 from viewer.answers import (
     Drawing,
@@ -29,6 +31,7 @@ from viewer.answers import (
 from viewer.itinerary import headline
 from viewer.panel_criterion import tree_fields
 from viewer.panel_detector import (
+    Seen,
     bin_cells,
     calm_binning,
     cross_sections,
@@ -42,7 +45,7 @@ from viewer.plots import heat_map
 from viewer.rays import DrawnRays
 from viewer.session import Session
 from viewer.state import Region
-from viewer.tree import criterion_region, criterion_tree, tree_rows
+from viewer.tree import criterion_region, criterion_tree, region_values, tree_rows
 
 if TYPE_CHECKING:
     from query.selection import Selection
@@ -74,21 +77,29 @@ class Inquiry:
         self.table: list[dict[str, Any]] = []
         self.pairs: list[list[str]] = []
         self.report: dict[str, Any] | None = None
-        self.images: tuple[Image, Image | None] | None = None
+        self.images: tuple[Seen, Seen] | None = None
         self.place: tuple[int, int] | None = None
-        self._full: tuple[object, Image] | None = None
+        self._full: tuple[object, Seen] | None = None
 
     # -- criterion -----------------------------------------------------------------------------
 
     def region(self) -> Region | None:
         """The region of the shown detector that the criterion demands."""
-        name = self.detector_name()
-        if name is None:
+        detector = self.detector()
+        if detector is None:
             return None
         try:
-            return criterion_region(criterion_tree(self.session.state.criterion), name)
+            return criterion_region(criterion_tree(self.session.state.criterion), detector)
         except RayMapError:
             return None
+
+    def region_in_words(self) -> dict[str, Any] | None:
+        """The region as criteria write it: in cells, of a far field in degrees of C and gamma."""
+        region, detector = self.region(), self.detector()
+        if region is None or detector is None:
+            return None
+        said = {"shape": region.shape, "values": list(region_values(region, detector))}
+        return said if cells_by_angle(detector) is None else said | {"unit": "deg"}
 
     def answer(self, cancel: Cancel, progress: Callable[[Any], None]) -> dict[str, Any]:
         """How many rays satisfy the criterion, and their flux."""
@@ -180,6 +191,8 @@ class Inquiry:
         rows = path_rows(sort_rows(self.table, sort), self.session.state.paths, unit)
         count = sum(1 for row in rows if row["criterion"])
         note = f"{count} paths" if count == len(rows) else f"the strongest {count} paths"
+        if any(row["flux_note"] for row in rows):
+            note += f" · {MARK} error above 30 %"
         return {
             "path_table": rows,
             "paths_note": note if count else "",
@@ -217,19 +230,31 @@ class Inquiry:
             return chosen
         return names[0] if names else None
 
+    def detector(self) -> Detector | None:
+        """The entry of the detector that is shown."""
+        name = self.detector_name()
+        entries = self.session.map.directory.detectors
+        return next((entry for entry in entries if entry.name == name), None)
+
     def look_at_detector(self, cancel: Cancel) -> dict[str, Any]:
         """Images of the selected rays and of all rays."""
         session = self.session
         name = self.detector_name()
         if name is None:
             return {"detector_cells": None}
-        selected = detector_image(session.map, name, self.session.state.criterion, cancel=cancel)
         key = (name, session.map.rays)
         if self._full is None or self._full[0] != key:
-            self._full = (key, detector_image(session.map, name, "", cancel=cancel))
-        if cancel():
-            return {}
-        self.images = (selected, self._full[1])
+            image = detector_image(session.map, name, "", cancel=cancel)
+            if cancel():
+                return {}
+            self._full = key, Seen.of(image)
+        selected = self._full[1]
+        if session.state.criterion.strip():
+            image = detector_image(session.map, name, session.state.criterion, cancel=cancel)
+            if cancel():
+                return {}
+            selected = Seen.of(image)
+        self.images = selected, self._full[1]
         return self.detector_fields()
 
     def detector_fields(self) -> dict[str, Any]:
@@ -238,15 +263,13 @@ class Inquiry:
         name = self.detector_name()
         if name is None or self.images is None:
             return {"detector_cells": None}
-        seen = self.images[1] if state.image == "full" else None
-        binning = state.binning or calm_binning(self.images[0] if seen is None else seen)
-        selected, full = (
-            bin_cells(image, binning) if image is not None else None for image in self.images
+        mine, every = self.images
+        binning = state.binning or calm_binning(
+            (every if state.image == "full" else mine).image.flux
         )
-        assert selected is not None
+        selected, whole = (bin_cells(seen.image.flux, binning) for seen in self.images)
         detector = next(entry for entry in directory.detectors if entry.name == name)
-        shown = selected if state.image != "full" or full is None else full
-        whole = full if full is not None else np.zeros_like(selected)
+        shown = whole if state.image == "full" else selected
         top, unit = float(shown.max()), directory.flux_unit
         options: dict[str, Any] = {"log": state.log_scale, "colormap": state.colormap}
         drawn = {**options, "cells": detector.cells, "binning": binning}
@@ -265,16 +288,14 @@ class Inquiry:
             [f"Cell {place[0]}, {place[1]}", f"{float(selected[v, u]):.4g} {unit} selected, "
              f"{float(whole[v, u]):.4g} {unit} in all"],
         ]  # fmt: skip
-        measure = cell_measure(detector, directory.length_unit)
-        facts += density_facts(measure, selected, whole, (v, u), binning, unit)
-        peaks = [f"{float(image.max()):.3g} {unit}" for image in (selected, whole)]
-        sections = cross_sections(selected, full, (u, v), log=state.log_scale)
+        facts += density_facts(mine, every, (v, u), binning)
+        sections = cross_sections(selected, whole, (u, v), log=state.log_scale)
         return {
             "detector_cells": list(detector.cells),
             "binned": binning,
             "image_selected": image_url(selected, highest=float(selected.max()), **drawn),
             "image_full": image_url(whole, highest=float(whole.max()), **drawn),
-            "image_peaks": peaks,
+            "image_peaks": [mine.peak, every.peak],
             "detector_total": f"{float(selected.sum()):.4g} {unit} selected, "
             f"{float(whole.sum()):.4g} {unit} in all",
             "detector_note": note,

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import base64
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.cells import CellMeasure
+from query.doubt import FOOTNOTE, MARK
+from query.pictures import DetectorImage
+from query.readings import readings, with_error
 from viewer.falsecolor import apply_colormap
 from viewer.plots import profile
 from viewer.rendering import encode_png
 
 __all__ = [
+    "Seen",
     "bin_cells",
     "calm_binning",
     "cross_sections",
@@ -78,35 +82,68 @@ def image_url(
     return "data:image/png;base64," + base64.b64encode(png).decode()
 
 
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A picture and what is read off it, the same numbers as in a chart (`query.readings`)."""
+
+    image: DetectorImage
+    numbers: dict[str, Any]
+
+    @classmethod
+    def of(cls, image: DetectorImage) -> Seen:
+        """Read the peak and the like off a picture."""
+        if image.density_unit is None:
+            return cls(image, readings(image, image.flux, image.flux_unit))
+        return cls(image, readings(image, image.density(), image.density_unit))
+
+    @property
+    def peak(self) -> str:
+        """In words, with its standard error."""
+        return said(self.numbers, "peak", f" {self.numbers['unit']}")
+
+
+def said(numbers: dict[str, Any], name: str, unit: str = "") -> str:
+    """A reading in words with its standard error; a dash where there is none."""
+    value, se = numbers.get(name), numbers.get(f"{name}_se")
+    return "–" if value is None or se is None else with_error(value, se) + unit
+
+
 def density_facts(
-    measure: CellMeasure | None,
-    selected: NDArray[np.floating],
-    whole: NDArray[np.floating],
-    place: tuple[int, int],
-    binning: int,
-    flux_unit: str,
+    selected: Seen, whole: Seen, place: tuple[int, int], binning: int
 ) -> list[list[str]]:
-    """What the detector measures at a cell, and at its brightest one: [name, words] each.
+    """What the detector measures at a cell, and what is read off all of it: [name, words] each.
 
     Parameters
     ----------
-    measure : size of the detector's cells; None: nothing is said
-    selected, whole : (rows, columns) flux per block of ``binning`` cells each way, of the selected
-        and of all rays
-    place : row and column of the block
+    selected, whole : of the selected and of all rays; nothing is said of cells without a size
+    place : row and column of the block of ``binning`` cells each way
     """
+    measure = selected.image.measure
     if measure is None:
         return []
-    size, unit = bin_cells(measure.values, binning), measure.density_unit(flux_unit)
-    dense = [
-        np.divide(values, size, out=np.zeros_like(size), where=size > 0)
-        for values in (selected, whole)
-    ]
-    rows = [("Here", [values[place] for values in dense]), ("Peak", [v.max() for v in dense])]
-    return [
-        [name, f"{mine:.4g} {unit} selected, {all_:.4g} {unit} in all"]
-        for name, (mine, all_) in rows
-    ]
+    unit = f" {selected.numbers['unit']}"
+    both = selected.numbers, whole.numbers
+    size = float(bin_cells(measure.values, binning)[place])
+    here = []
+    for seen in (selected, whole):
+        flux, variance = (
+            float(bin_cells(values, binning)[place])
+            for values in (seen.image.flux, seen.image.variance)
+        )
+        here.append(with_error(flux / size, variance**0.5 / size) + unit if size > 0.0 else "–")
+    rows = [("Here", here), ("Peak", [said(numbers, "peak", unit) for numbers in both])]
+    if "planes" in whole.numbers:
+        for k, plane in enumerate(whole.numbers["planes"]):
+            for key, word in (("beam_deg", "beam (50 %)"), ("field_deg", "field (10 %)")):
+                words = [said(numbers["planes"][k], key, "°") for numbers in both]
+                rows.append((f"{plane['plane']}, {word}", words))
+    else:
+        rows.append(("Mean", [said(numbers, "mean", unit) for numbers in both]))
+        rows.append(("Min/mean", [said(numbers, "min_over_mean") for numbers in both]))
+    facts = [[name, f"{mine} selected, {all_} in all"] for name, (mine, all_) in rows]
+    if any(MARK in words for _, words in facts):
+        facts.append([MARK, FOOTNOTE.removeprefix(f"{MARK} ")])
+    return facts
 
 
 def lowest_shown(values: NDArray[np.floating], highest: float) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from query.doubt import FOOTNOTE, MARK, is_doubtful
 from viewer.falsecolor import PALETTE
 from viewer.itinerary import headline
 
@@ -29,6 +30,7 @@ def path_rows(
     shown = []
     for number, row in enumerate(rows):
         criterion = str(row.get("criterion") or "")
+        doubtful = is_doubtful(float(row["flux"]), float(row["flux_se"]))
         place = list(checked).index(criterion) if criterion in checked else -1
         color = ""
         if place >= 0 and len(checked) > 1:
@@ -44,7 +46,8 @@ def path_rows(
                 "criterion": criterion,
                 "rays": f"{int(row['rays']):,}",
                 "flux": f"{float(row['flux']):.3g} {unit}",
-                "flux_se": f"{float(row['flux_se']):.1g}",
+                "flux_se": f"{float(row['flux_se']):.1g}{' ' + MARK if doubtful else ''}",
+                "flux_note": FOOTNOTE.removeprefix(f"{MARK} ") if doubtful else "",
                 "share": f"{100 * float(row['share']):.3g} %",
                 "checked": place >= 0,
                 "color": color,

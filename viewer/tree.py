@@ -13,6 +13,8 @@ from typing import Any
 
 from query import from_json, parse
 from query.names import escape
+from raymap.cells import cells_by_angle
+from raymap.directory import Detector
 from raymap.errors import CriterionError
 from viewer.state import Region
 
@@ -26,6 +28,7 @@ __all__ = [
     "demanded_detector",
     "make_atom",
     "negate_node",
+    "region_values",
     "remove_node",
     "set_group",
     "tree_rows",
@@ -204,13 +207,14 @@ def make_atom(kind: str, name: str = "*", event: str = "") -> Tree:
     return tree
 
 
-def _region_place(tree: Tree | None, detector: str) -> int | None:
+def _region_place(tree: Tree | None, detector: Detector) -> int | None:
     """Which member of the outermost ``and`` asks for a region of a detector; -1 is the root."""
+    unit = _region_unit(detector)
 
     def asks(node: Tree) -> bool:
         regions = node.get("regions", [])
-        named = node["op"] == "detected" and node["names"] == [escape(detector, "*?\\")]
-        return named and len(regions) == 1 and "unit" not in regions[0]
+        named = node["op"] == "detected" and node["names"] == [escape(detector.name, "*?\\")]
+        return named and len(regions) == 1 and regions[0].get("unit", "") in ("", unit)
 
     if tree is None:
         return None
@@ -219,6 +223,11 @@ def _region_place(tree: Tree | None, detector: str) -> int | None:
     if tree["op"] == "and":
         return next((k for k, node in enumerate(tree["args"]) if asks(node)), None)
     return None
+
+
+def _region_unit(detector: Detector) -> str:
+    """Unit in which a drawn region is written: of a far field degrees of C and gamma, else none."""
+    return "" if cells_by_angle(detector) is None else "deg"
 
 
 def demanded_detector(tree: Tree | None, detectors: Sequence[str]) -> str | None:
@@ -234,27 +243,58 @@ def demanded_detector(tree: Tree | None, detectors: Sequence[str]) -> str | None
     return named[0] if len(patterns) == len(named) == 1 else None
 
 
-def criterion_region(tree: Tree | None, detector: str) -> Region | None:
-    """The region of a detector that a criterion demands, if it is one that the mouse can draw."""
+def criterion_region(tree: Tree | None, detector: Detector) -> Region | None:
+    """The region of a detector that a criterion demands, if it is one that the mouse can draw.
+
+    Returns
+    -------
+    its values are in cells
+    """
     place = _region_place(tree, detector)
     if place is None or tree is None:
         return None
     node = tree if place < 0 else tree["args"][place]
-    [(shape, numbers)] = node["regions"][0].items()
-    a, b, c, d = (float(number) for number in numbers)
-    return Region(shape=shape, values=(a, b, c, d))
+    region = dict(node["regions"][0])
+    unit = region.pop("unit", "")
+    [(shape, numbers)] = region.items()
+    cells = [float(number) for number in numbers]
+    angles = cells_by_angle(detector)
+    if unit and angles is not None:
+        for k in range(4):
+            per_degree, zero = angles[k % 2]
+            is_place = k < 2 or shape == "rect"
+            cells[k] = cells[k] * per_degree + (zero if is_place else 0.0)
+    return Region(shape=shape, values=(cells[0], cells[1], cells[2], cells[3]))
 
 
-def with_region(tree: Tree | None, detector: str, region: Region | None) -> Tree | None:
-    """Demand a region of a detector instead of the one before, or none any more."""
+def region_values(region: Region, detector: Detector) -> tuple[float, ...]:
+    """Values of a region in cells as criteria write them: of a far field C and gamma [deg]."""
+    angles = cells_by_angle(detector)
+    if angles is None:
+        return region.values
+    degrees = []
+    for k, value in enumerate(region.values):
+        per_degree, zero = angles[k % 2]
+        is_place = k < 2 or region.shape == "rect"
+        degrees.append((value - (zero if is_place else 0.0)) / per_degree)
+    return tuple(float(f"{value:.6g}") for value in degrees)
+
+
+def with_region(tree: Tree | None, detector: Detector, region: Region | None) -> Tree | None:
+    """Demand a region of a detector instead of the one before, or none any more.
+
+    Parameters
+    ----------
+    region : its values are in cells
+    """
     place = _region_place(tree, detector)
     if tree is not None and place is not None:
         tree = remove_node(tree, () if place < 0 else (place,))
     if region is None:
         return tree
-    atom = {
-        "op": "detected",
-        "names": [escape(detector, "*?\\")],
-        "regions": [{region.shape: list(region.values)}],
-    }
+    said: Tree = {region.shape: list(region_values(region, detector))}
+    unit = _region_unit(detector)
+    if unit:
+        said["unit"] = unit
+    atom = {"op": "detected", "names": [escape(detector.name, "*?\\")], "regions": [said]}
     return add_node(tree, (), atom)

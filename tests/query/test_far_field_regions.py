@@ -1,15 +1,24 @@
-"""Degrees in a region of a far field are C and gamma, as charts and tables say them."""
+"""Degrees in regions: C and gamma of a far field, as charts say them; field angles of a camera."""
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import Any, cast
+import math
 
+import numpy as np
 import pytest
 
-from query.bind import Binder
-from query.conditions import Region
-from raymap import Detector
+from query.bind import Binder, MapFacts, bind
+from query.bound import BoundRegion
+from query.conditions import Detected, Region
+from query.grammar import parse
+from raymap import Detector, Directory, Source
+from raymap.errors import CriterionError
+
+
+def in_cells(detector: Detector, region: Region) -> BoundRegion:
+    directory = Directory(sources=(Source(name="lamp", flux=1.0),), detectors=(detector,))
+    binder = Binder(MapFacts(directory=directory, emitted=np.ones(1, np.int64)))
+    return binder._region(region, detector)
 
 
 @pytest.mark.parametrize(
@@ -37,8 +46,43 @@ def test_degrees_are_c_and_gamma(
         size=(360.0, gamma[1] - gamma[0]),
         parameters={"gamma_deg": gamma, "size_unit": "deg"},
     )
-    binder = cast(
-        Any, SimpleNamespace(_region_scale=lambda *args: Binder._region_scale(binder, *args))
-    )
-    bound = Binder._region(binder, region, detector)
-    assert bound.numbers == pytest.approx(cells, rel=1e-6)
+    assert in_cells(detector, region).numbers == pytest.approx(cells, rel=1e-6)
+
+
+CAMERA = Detector(
+    name="cam",
+    kind="camera",
+    cells=(200, 100),
+    size=(2 * math.tan(math.radians(40)), math.tan(math.radians(40))),
+    parameters={
+        "half_field": (math.tan(math.radians(40)), math.tan(math.radians(40)) / 2),
+        "size_unit": "tangent",
+    },
+)
+
+
+def test_degrees_are_field_angles_of_a_camera() -> None:
+    # 40° lies at the border, 0° in the middle, 20° at tan 20° / tan 40° of the way
+    region = in_cells(CAMERA, Region("rect", (-40.0, 0.0, 20.0, 20.0), "deg"))
+    share = math.tan(math.radians(20)) / math.tan(math.radians(40))
+    expected = (0.0, 50.0, 100.0 + 100.0 * share, 50.0 + 100.0 * share)
+    assert region.numbers == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('detected("cam", ellipse(0 deg, 0 deg, 5 deg, 5 deg))', "write cells"),
+        ('detected("cam", rect(0 deg, 0 deg, 90 deg, 5 deg))', "less than 90°"),
+        ('detected("cam", rect(0 mm, 0 mm, 1 mm, 1 mm))', "tangent"),
+    ],
+)
+def test_what_a_camera_does_not_have_is_refused(text: str, said: str) -> None:
+    directory = Directory(sources=(Source(name="lamp", flux=1.0),), detectors=(CAMERA,))
+    facts = MapFacts(directory=directory, emitted=np.ones(1, np.int64))
+    node = parse(text)
+    assert isinstance(node, Detected)
+    with pytest.raises(CriterionError, match=said) as caught:
+        bind(node, facts, text)
+    # The place in the criterion
+    assert "^" in str(caught.value)

@@ -13,6 +13,7 @@ from PIL import Image
 import query
 import raymap
 from query import select
+from query.readings import reading_lines, readings
 from raymap.errors import RayNotFound
 from tests.viewer.small_map import CELLS, write_map
 from viewer.answers import (
@@ -109,9 +110,9 @@ def test_the_ghost_matrix_leads_to_its_rays(session: Session) -> None:
 def test_detector_images_hold_the_flux(small_map: raymap.RayMap) -> None:
     for text in ("", GHOST):
         image = detector_image(small_map, "sensor", text)
-        assert image.shape == (CELLS[1], CELLS[0])
+        assert image.flux.shape == (CELLS[1], CELLS[0])
         whole = count_rays(small_map, join_criteria(text, 'detected("sensor")'))
-        assert image.sum() == pytest.approx(whole.flux)
+        assert image.total == pytest.approx(whole.flux)
 
 
 def test_the_mouse_moves_the_camera(session: Session) -> None:
@@ -243,8 +244,16 @@ def test_the_panels_are_filled(session: Session) -> None:
     for key in ("image_selected", "image_full"):
         pixels = decode(base64.b64decode(fields[key].partition(",")[2]))
         assert pixels.shape == (CELLS[1], CELLS[0], 3)
-    dense = query.detector_image(session.map, "sensor", GHOST).irradiance
-    assert dict(fields["detector_facts"])["Peak"].startswith(f"{dense.max():.4g} W/m² selected")
+    # The same numbers as in charts
+    facts = dict(fields["detector_facts"])
+    for criterion, words in ((GHOST, "selected"), (None, "in all")):
+        image = query.detector_image(session.map, "sensor", criterion)
+        numbers = readings(image, image.irradiance, "W/m²")
+        lines = reading_lines(numbers)
+        assert f"{lines[1].removeprefix('peak ')} {words}" in facts["Peak"]
+        mean = next(line for line in lines if line.startswith("mean "))
+        assert f"{mean.removeprefix('mean ')} {words}" in facts["Mean"]
+    assert "±" in fields["image_peaks"][0]
     report = inquiry.read_report(5)["report"]
     assert report["facts"][0] == ["Ray", "5"]
     session.update(ray=5, point=1)

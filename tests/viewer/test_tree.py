@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from raymap import Detector
 from raymap.errors import CriterionError
 from viewer.state import Region
 from viewer.tree import (
@@ -14,6 +15,7 @@ from viewer.tree import (
     demanded_detector,
     make_atom,
     negate_node,
+    region_values,
     remove_node,
     set_group,
     tree_rows,
@@ -107,6 +109,11 @@ def test_places_that_are_gone_are_refused() -> None:
         edit(TEXT, negate_node, (7,))
 
 
+SENSOR, A, B, C = (Detector(name=name, cells=(50, 50)) for name in ("sensor", "a", "b", "c"))
+# Of 72 x 90 cells, 5° of C and 2° of gamma each, gamma from 10° on
+FAR = Detector(
+    name="far", kind="far_field", cells=(72, 90), parameters={"gamma_deg": (10.0, 190.0)}
+)
 RECT = Region(shape="rect", values=(1.0, 2.0, 30.5, 40.0))
 DISC = Region(shape="ellipse", values=(10.0, 10.0, 5.0, 4.0))
 
@@ -114,29 +121,30 @@ DISC = Region(shape="ellipse", values=(10.0, 10.0, 5.0, 4.0))
 @pytest.mark.parametrize("text", ["", 'hit("L1")', 'hit("L1") | hit("L2")', TEXT])
 def test_a_drawn_region_joins_the_criterion_and_leaves_it(text: str) -> None:
     tree = criterion_tree(text)
-    one = with_region(tree, "sensor", RECT)
-    assert criterion_region(one, "sensor") == RECT
+    one = with_region(tree, SENSOR, RECT)
+    assert criterion_region(one, SENSOR) == RECT
     assert tree_text(one).endswith('detected("sensor", rect(1, 2, 30.5, 40))')
-    two = with_region(criterion_tree(tree_text(one)), "sensor", DISC)
-    assert criterion_region(two, "sensor") == DISC
+    two = with_region(criterion_tree(tree_text(one)), SENSOR, DISC)
+    assert criterion_region(two, SENSOR) == DISC
     assert tree_text(two).count('detected("sensor"') == 1
-    assert tree_text(with_region(two, "sensor", None)) == tree_text(tree)
+    assert tree_text(with_region(two, SENSOR, None)) == tree_text(tree)
 
 
 def test_regions_of_other_detectors_and_with_units_are_let_alone() -> None:
     tree = criterion_tree(
         'detected("a", rect(0, 0, 5, 5)) & detected("b", rect(0 mm, 0 mm, 1 mm, 1 mm))'
     )
-    assert criterion_region(tree, "a") == Region(shape="rect", values=(0, 0, 5, 5))
-    assert criterion_region(tree, "b") is None
-    assert criterion_region(tree, "c") is None
-    assert criterion_region(criterion_tree('!detected("a", rect(0, 0, 5, 5))'), "a") is None
+    assert criterion_region(tree, A) == Region(shape="rect", values=(0, 0, 5, 5))
+    assert criterion_region(tree, B) is None
+    assert criterion_region(tree, C) is None
+    assert criterion_region(criterion_tree('!detected("a", rect(0, 0, 5, 5))'), A) is None
 
 
 def test_names_with_wildcards_in_them_are_escaped() -> None:
-    tree = with_region(None, "a*b", RECT)
+    starred = Detector(name="a*b", cells=(50, 50))
+    tree = with_region(None, starred, RECT)
     assert "a\\*b" in tree_text(tree)
-    assert criterion_region(tree, "a*b") == RECT
+    assert criterion_region(tree, starred) == RECT
 
 
 @pytest.mark.parametrize(
@@ -153,3 +161,29 @@ def test_names_with_wildcards_in_them_are_escaped() -> None:
 )
 def test_the_detector_that_a_criterion_demands(text: str, detector: str | None) -> None:
     assert demanded_detector(criterion_tree(text), ["a", "b", "bb"]) == detector
+
+
+@pytest.mark.parametrize(
+    ("region", "text"),
+    [
+        # Cells 0 to 18 of C are 0° to 90°, 5 to 15 of gamma 20° to 40°
+        (
+            Region(shape="rect", values=(0.0, 5.0, 18.0, 15.0)),
+            'detected("far", rect(0 deg, 20 deg, 90 deg, 40 deg))',
+        ),
+        (
+            Region(shape="ellipse", values=(36.0, 25.0, 2.0, 2.5)),
+            'detected("far", ellipse(180 deg, 60 deg, 10 deg, 5 deg))',
+        ),
+    ],
+)
+def test_a_region_drawn_on_a_far_field_is_c_and_gamma(region: Region, text: str) -> None:
+    tree = with_region(criterion_tree('hit("L1")'), FAR, region)
+    assert tree_text(tree) == f'hit("L1") & {text}'
+    # As drawn, as written, and in cells by hand it is drawn at the same place
+    assert criterion_region(tree, FAR) == region
+    assert criterion_region(criterion_tree(text), FAR) == region
+    assert region_values(region, FAR)[:2] == ((0, 20) if region.shape == "rect" else (180, 60))
+    cells = criterion_tree('detected("far", rect(1, 2, 3, 4))')
+    assert criterion_region(cells, FAR) == Region(shape="rect", values=(1, 2, 3, 4))
+    assert tree_text(with_region(cells, FAR, region)) == text
