@@ -364,11 +364,14 @@ class Scan:
             if local is None:
                 continue
             try:
-                own = PathContext(self.map.portions[index].paths())
-                _ = own.paths.rays
+                portion = self.map.portions[index]
+                own = PathContext(portion.paths())
+                known = path_sums(own.paths, self.map)[1] is not None
             except DamagedPortion:
                 self.damaged.append(index)
                 continue
+            if not known:
+                raise portion.map.drop_merged(f"squares of lumens that portion {index} lacks")
             for number, total in enumerate(totals):
                 chosen = np.flatnonzero(self.verdicts.pairs[number].certain[local])
                 labels = None if self.labels is None else self.labels[local]

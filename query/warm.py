@@ -44,5 +44,6 @@ def _first_path(paths: PathDictionary) -> PathDictionary:
         sum_w=paths.sum_w[:1],
         sum_w2=paths.sum_w2[:1],
         sum_wc=tuple(sums[:1] for sums in paths.sum_wc),
+        sum_wy2=None if paths.sum_wy2 is None else paths.sum_wy2[:1],
         grouped=paths.grouped,
     )

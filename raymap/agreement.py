@@ -101,7 +101,7 @@ def compare_totals(
         raise FormatError(f"merged dictionary: rays of the paths do not add up to {n_rays}")
     if bool(paths.grouped) != grouped:
         raise FormatError("merged dictionary: it contradicts the portions on emissions")
-    for sums in (paths.sum_w, paths.sum_w2, *paths.sum_wc):
+    for sums in (paths.sum_w, paths.sum_w2, *_worth_squares(paths), *paths.sum_wc):
         if not (np.isfinite(sums) & (sums >= 0)).all():
             raise FormatError("merged dictionary: a sum of weights is negative or no number")
     if not weighted:
@@ -137,6 +137,7 @@ def compare_all(merged: MergedPaths, portions: Sequence[StoredPortion]) -> None:
     paths = merged.paths
     rays = np.zeros(paths.n_paths, np.int64)
     sums = [np.zeros(paths.n_paths), np.zeros(paths.n_paths), *(0.0 * s for s in paths.sum_wc)]
+    worth_squares = [np.zeros(paths.n_paths) for _ in _worth_squares(paths)]
     # Portions of a map that is one of several count channel sets as all of these do
     lost = False
     for portion, local in zip(portions, merged.local_to_global, strict=True):
@@ -160,13 +161,23 @@ def compare_all(merged: MergedPaths, portions: Sequence[StoredPortion]) -> None:
             raise FormatError("merged dictionary: a channel set without sums of colour")
         for place, more in ((0, own.sum_w), (1, own.sum_w2), (own_set, colors)):
             np.add.at(sums[place], local, more)
+        for total in worth_squares:
+            if own.sum_wy2 is None:
+                raise FormatError("merged dictionary: squares of lumens that a portion lacks")
+            np.add.at(total, local, own.sum_wy2)
     if lost:
         return
     if not np.array_equal(rays, paths.rays):
         raise FormatError("merged dictionary: rays of paths contradict the portions")
-    for total, stated in zip(sums, (paths.sum_w, paths.sum_w2, *paths.sum_wc), strict=True):
+    all_stated = (paths.sum_w, paths.sum_w2, *paths.sum_wc, *_worth_squares(paths))
+    for total, stated in zip([*sums, *worth_squares], all_stated, strict=True):
         if not np.allclose(total, stated, rtol=_ROUNDING, atol=1e-12):
             raise FormatError("merged dictionary: sums of paths contradict the portions")
+
+
+def _worth_squares(paths: PathDictionary) -> list[NDArray[np.float64]]:
+    """The sums of (weight × worth)², where they are kept."""
+    return [] if paths.sum_wy2 is None else [paths.sum_wy2]
 
 
 def false_sums(portion: StoredPortion) -> str:
@@ -179,6 +190,11 @@ def false_sums(portion: StoredPortion) -> str:
         "path.sum_w": np.bincount(numbers, weight, n),
         "path.sum_w2": squares_by_emission(numbers, weight, emission, n),
     }
+    if own.sum_wy2 is not None:
+        light = portion.map.photometry(portion.channel_set)
+        codes, table = portion.column("last_color"), portion.color_table()
+        worth = light.worth_of_rays(portion.column("source"), codes, table)
+        expected["path.sum_wy2"] = squares_by_emission(numbers, weight * worth, emission, n)
     for name, values in expected.items():
         stated = getattr(own, name.removeprefix("path."))
         if not np.allclose(stated, values, rtol=_ROUNDING, atol=0):
@@ -204,7 +220,7 @@ def _colors_of(portion: StoredPortion) -> NDArray[np.float64]:
 
 
 def difference(a: PathDictionary, b: PathDictionary) -> str:
-    """In words, where two dictionaries differ; sums may differ by rounding."""
+    """In words, where ``a`` says other than ``b``; sums may differ by rounding."""
     exact = ("source", "offsets", *_POINTS, "rays", "detector_offsets", "detector", "registered")
     for name in exact:
         if not np.array_equal(getattr(a, name), getattr(b, name)):
@@ -212,6 +228,10 @@ def difference(a: PathDictionary, b: PathDictionary) -> str:
     for name in ("sum_w", "sum_w2"):
         if not np.allclose(getattr(a, name), getattr(b, name), rtol=_ROUNDING, atol=0):
             return f"{name} contradicts the portions"
+    if a.sum_wy2 is not None and (
+        b.sum_wy2 is None or not np.allclose(a.sum_wy2, b.sum_wy2, rtol=_ROUNDING, atol=0)
+    ):
+        return "sum_wy2 contradicts the portions"
     for number in range(max(len(a.sum_wc), len(b.sum_wc))):
         x, y = (
             sums[number] if number < len(sums) else np.zeros((0, 0))

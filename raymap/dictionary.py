@@ -73,6 +73,7 @@ class Itineraries(NamedTuple):
         sum_w: NDArray[np.float64],
         sum_w2: NDArray[np.float64],
         sum_wc: tuple[NDArray[np.float64], ...],
+        sum_wy2: NDArray[np.float64] | None,
         *,
         grouped: bool,
     ) -> PathDictionary:
@@ -91,6 +92,7 @@ class Itineraries(NamedTuple):
             sum_w=sum_w,
             sum_w2=sum_w2,
             sum_wc=sum_wc,
+            sum_wy2=sum_wy2,
             grouped=grouped,
         )
 
@@ -295,6 +297,7 @@ class PathMerger:
         self._rays = np.zeros(1024, np.int64)
         self._sum_w = np.zeros(1024)
         self._sum_w2 = np.zeros(1024)
+        self._sum_wy2: NDArray[np.float64] | None = np.zeros(1024)
         self._sum_wc: list[NDArray[np.float64]] = []
 
     def add(self, paths: PathDictionary) -> NDArray[np.int32]:
@@ -329,6 +332,11 @@ class PathMerger:
         self._rays[numbers] += paths.rays
         self._sum_w[numbers] += paths.sum_w
         self._sum_w2[numbers] += paths.sum_w2
+        if paths.sum_wy2 is None and paths.n_paths:
+            # A sum over some of the rays would be of no use
+            self._sum_wy2 = None
+        elif self._sum_wy2 is not None and paths.sum_wy2 is not None:
+            self._sum_wy2[numbers] += paths.sum_wy2
         for channel_set, sums in enumerate(paths.sum_wc):
             if sums.shape[1]:
                 self._colors(channel_set, sums.shape[1])[numbers] += sums
@@ -343,6 +351,7 @@ class PathMerger:
             self._sum_w[:n].copy(),
             self._sum_w2[:n].copy(),
             tuple(sums[:n].copy() for sums in self._sum_wc),
+            self._sum_wy2[:n].copy() if n and self._sum_wy2 is not None else None,
             grouped=self.grouped,
         )
 
@@ -365,6 +374,8 @@ class PathMerger:
             self._rays = _grown(self._rays, size)
             self._sum_w = _grown(self._sum_w, size)
             self._sum_w2 = _grown(self._sum_w2, size)
+            if self._sum_wy2 is not None:
+                self._sum_wy2 = _grown(self._sum_wy2, size)
             self._sum_wc = [_grown(sums, size) for sums in self._sum_wc]
         if needed > len(words):
             words = _grown(words, max(needed, 2 * len(words)))

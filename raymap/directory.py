@@ -232,6 +232,16 @@ class ChannelSet(_Entry):
     absorption: Annotated[tuple[Numbers, ...], FailFast()] = ()
     source_colors: Annotated[tuple[Numbers, ...], FailFast()] = ()
 
+    @model_validator(mode="after")
+    def _check(self) -> ChannelSet:
+        n = self.n_channels
+        if self.kind == "rgb" and n != 3:
+            raise ValueError(f"RGB has three channels, not {n}")
+        for name in ("refractive_index", "absorption", "source_colors"):
+            if any(len(row) != n for row in getattr(self, name)):
+                raise ValueError(f"{name} has rows of other lengths than the {n} channels")
+        return self
+
     @property
     def n_channels(self) -> int:
         return len(self.wavelengths_nm)

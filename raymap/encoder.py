@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,12 +17,13 @@ from raymap.dictionary import (
     find_paths,
     itineraries_of,
 )
-from raymap.directory import Directory
+from raymap.directory import ChannelSet, Directory
 from raymap.geometrystreams import PathsTaken, add_geometry
 from raymap.layout import PORTION, pack_chunk_header
 from raymap.meetings import compile_detectors, encode_meetings
 from raymap.paths import PathDictionary
 from raymap.pathwords import face_columns
+from raymap.photometry import Photometry
 from raymap.portion import Portion
 from raymap.portionmeta import DESCRIPTOR_STREAMS, Encoding, PortionMeta
 from raymap.rows import offsets_of, squares_by_emission
@@ -77,7 +78,7 @@ class PortionEncoder:
     """
 
     def __init__(self, directory: Directory, *, raw: bool = False, compact: bool = False) -> None:
-        self.faces = directory.faces
+        self.directory = directory
         self.raw = raw
         self.compact = compact
         self.shapes = compile_shapes(directory)
@@ -85,8 +86,10 @@ class PortionEncoder:
         self._faces = face_columns(directory.faces)
         self._pool = BufferPool()
 
-    def encode(self, portion: Portion, number: int, n_channel_sets: int) -> EncodedPortion:
-        """Encode one portion."""
+    def encode(
+        self, portion: Portion, number: int, channel_sets: Sequence[ChannelSet]
+    ) -> EncodedPortion:
+        """Encode one portion of a map with these channel sets."""
         offsets = offsets_of(portion.records_per_ray)
         streams = StreamSet(raw=self.raw)
         found = None if self.raw or not portion.n_rays else find_paths(portion, self._faces)
@@ -99,7 +102,7 @@ class PortionEncoder:
             add_itineraries(streams, table)
         else:
             table, path_numbers, explicit = found.table, found.numbers, found.explicit
-            paths = _with_sums(found, portion, offsets, n_channel_sets)
+            paths = self._with_sums(found, portion, offsets, channel_sets)
             n_paths, n_points, n_meetings = paths.n_paths, paths.n_points, paths.n_meetings
             add_itineraries(streams, table)
             _add_sums(streams, paths, portion)
@@ -140,6 +143,47 @@ class PortionEncoder:
             size=len(header) + streams.stored_bytes,
             paths=paths,
             lent=None if lent is None else (lent, self._pool),
+        )
+
+    def _with_sums(
+        self,
+        found: FoundPaths,
+        portion: Portion,
+        offsets: NDArray[np.int64],
+        channel_sets: Sequence[ChannelSet],
+    ) -> PathDictionary:
+        """The paths with how much light took them."""
+        path_numbers, rays = found.numbers, found.rays
+        n_paths = len(rays)
+        weight: NDArray[np.float64] | float = 1.0
+        if portion.weight is None and portion.emission is None:
+            sum_w, sum_w2 = rays.astype(np.float64), rays.astype(np.float64)
+        else:
+            weight = (
+                np.ones(portion.n_rays)
+                if portion.weight is None
+                else portion.weight.astype(np.float64)
+            )
+            sum_w = np.bincount(path_numbers, weight, n_paths).astype(np.float64)
+            sum_w2 = squares_by_emission(path_numbers, weight, portion.emission, n_paths)
+        ends = portion.color_code[offsets[1:] - 1]
+        sums = color_sums(ends, portion.color_table, path_numbers, portion.weight, n_paths)
+        colors = (sums / COLOR_SCALE if sums.dtype == np.uint64 else sums).astype(np.float64)
+        sets = [
+            np.zeros((n_paths, 0)) for _ in range(max(len(channel_sets), portion.channel_set + 1))
+        ]
+        sets[portion.channel_set] = colors
+        sum_wy2 = None
+        if self.directory.flux_unit == "lm":
+            light = Photometry(self.directory, channel_sets[portion.channel_set])
+            sum_wy2 = sum_w2
+            if light.changes:
+                worth = light.worth_of_rays(portion.source, ends, portion.color_table)
+                sum_wy2 = squares_by_emission(
+                    path_numbers, weight * worth, portion.emission, n_paths
+                )
+        return found.table.with_sums(
+            rays, sum_w, sum_w2, tuple(sets), sum_wy2, grouped=portion.emission is not None
         )
 
     def _add_descriptors(self, streams: StreamSet, portion: Portion) -> int:
@@ -211,29 +255,6 @@ def _compact(counts: NDArray[Any]) -> NDArray[Any]:
     return counts.astype(np.uint8 if top < 2**8 else np.uint16 if top < 2**16 else np.uint32)
 
 
-def _with_sums(
-    found: FoundPaths, portion: Portion, offsets: NDArray[np.int64], n_channel_sets: int
-) -> PathDictionary:
-    path_numbers, rays = found.numbers, found.rays
-    n_paths = len(rays)
-    if portion.weight is None and portion.emission is None:
-        sum_w, sum_w2 = rays.astype(np.float64), rays.astype(np.float64)
-    else:
-        weight = (
-            np.ones(portion.n_rays) if portion.weight is None else portion.weight.astype(np.float64)
-        )
-        sum_w = np.bincount(path_numbers, weight, n_paths).astype(np.float64)
-        sum_w2 = squares_by_emission(path_numbers, weight, portion.emission, n_paths)
-    ends = portion.color_code[offsets[1:] - 1]
-    sums = color_sums(ends, portion.color_table, path_numbers, portion.weight, n_paths)
-    colors = (sums / COLOR_SCALE if sums.dtype == np.uint64 else sums).astype(np.float64)
-    sets = [np.zeros((n_paths, 0)) for _ in range(max(n_channel_sets, portion.channel_set + 1))]
-    sets[portion.channel_set] = colors
-    return found.table.with_sums(
-        rays, sum_w, sum_w2, tuple(sets), grouped=portion.emission is not None
-    )
-
-
 def _add_sums(streams: StreamSet, paths: PathDictionary, portion: Portion) -> None:
     streams.add("path.rays", paths.rays.astype(np.uint32), Scope.PATH)
     colors = paths.sum_wc[portion.channel_set]
@@ -245,6 +266,9 @@ def _add_sums(streams: StreamSet, paths: PathDictionary, portion: Portion) -> No
     if portion.weight is not None or portion.emission is not None:
         streams.add("path.sum_w", paths.sum_w, Scope.PATH)
         streams.add("path.sum_w2", paths.sum_w2, Scope.PATH)
+    # Where worth does not change with colour, the squares are those of the weights themselves
+    if paths.sum_wy2 is not None and paths.sum_wy2 is not paths.sum_w2:
+        streams.add("path.sum_wy2", paths.sum_wy2, Scope.PATH)
 
 
 def _add_colors(

@@ -120,6 +120,8 @@ def _add_merged(
     streams.add("path.rays", merged.rays, Scope.PATH)
     streams.add("path.sum_w", merged.sum_w, Scope.PATH)
     streams.add("path.sum_w2", merged.sum_w2, Scope.PATH)
+    if merged.sum_wy2 is not None:
+        streams.add("path.sum_wy2", merged.sum_wy2, Scope.PATH)
     streams.add("path.grouped", np.array([merged.grouped]))
     for number, sums in enumerate(merged.sum_wc):
         if sums.shape[1]:
@@ -234,6 +236,9 @@ def read_merged(
         sum_w=file.column(chunk, "path.sum_w", n, np.float64),
         sum_w2=file.column(chunk, "path.sum_w2", n, np.float64),
         sum_wc=tuple(sets),
+        sum_wy2=(
+            file.column(chunk, "path.sum_wy2", n, np.float64) if "path.sum_wy2" in names else None
+        ),
         grouped=bool(file.column(chunk, "path.grouped", 1, np.bool_)[0]),
     )
     local = [entry.meta.n_paths if entry.meta.has_paths else 0 for entry in footer.portions]

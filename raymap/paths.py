@@ -28,9 +28,11 @@ class PathDictionary:
     rays : (n_paths,) int64
     sum_w, sum_w2 : (n_paths,) float64, unnormalised sums of weight and weight²
     sum_wc : per channel set, (n_paths, n_channels) float64, sum of weight x colour at the ray's end
+    sum_wy2 : (n_paths,) float64, unnormalised sum of (weight x worth of the light at the ray's
+        end)² (see `raymap.photometry`) in maps in lumen; None in watt, and where it is not kept
     grouped : the rays carry an ``emission`` column, several rays may stem from one emission.
-        ``sum_w2`` then sums w per emission first, within each path; the standard error of several
-        paths together needs the rays.
+        ``sum_w2`` and ``sum_wy2`` then add up per emission first, within each path; the standard
+        error of several paths together needs the rays.
     """
 
     source: NDArray[np.int16]
@@ -46,6 +48,7 @@ class PathDictionary:
     sum_w: NDArray[np.float64]
     sum_w2: NDArray[np.float64]
     sum_wc: tuple[NDArray[np.float64], ...]
+    sum_wy2: NDArray[np.float64] | None = None
     grouped: bool = False
 
     @property

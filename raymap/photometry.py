@@ -227,7 +227,7 @@ def ray_weights(portion: Any, rays: Ints) -> Floats | None:
 def path_sums(paths: PathDictionary, map: RayMap) -> tuple[Floats, Floats | None]:
     """Sums of weight × worth of each path, and of its squares: (n_paths,) each.
 
-    The squares are None where only the rays tell them: in a map in lumen that does not store them,
+    The squares are None where only the rays tell them: in a map in lumen that does not keep them,
     and whose light is not of a single channel at the end of each path.
     """
     lights = [map.photometry(number) for number in range(len(map.channel_sets))]
@@ -240,6 +240,8 @@ def path_sums(paths: PathDictionary, map: RayMap) -> tuple[Floats, Floats | None
             emitted = light.emitted_efficacy[paths.source]
             sums += np.where(known, (colors @ light.efficacy) / emitted, colors.sum(axis=1))
             lit += (colors > 0.0).sum(axis=1)
+    if paths.sum_wy2 is not None:
+        return sums, paths.sum_wy2
     if (lit > 1).any():
         return sums, None
     worth = np.divide(sums, paths.sum_w, out=np.zeros(len(sums)), where=paths.sum_w > 0.0)

@@ -45,6 +45,16 @@ class PlainPaths(PathDictionary):
     def _sum_w2(self) -> NDArray[np.float64]:
         return self.sum_w**2
 
+    def _sum_wy2(self) -> NDArray[np.float64] | None:
+        portion = self._portion
+        light = portion.map.photometry(portion.channel_set)
+        if light.unit != "lm":
+            return None
+        codes = portion.column("last_color")
+        worth = light.worth_of_rays(self.source, codes, portion.color_table())
+        squares: NDArray[np.float64] = (self.sum_w * worth) ** 2
+        return squares
+
     def _sum_wc(self) -> tuple[NDArray[np.float64], ...]:
         portion = self._portion
         ends = portion.record_offsets()[1:] - 1
@@ -82,5 +92,6 @@ _LAZY: dict[str, Any] = {
     "sum_w": lambda view: view._portion.column("weight").astype(np.float64),
     "sum_w2": PlainPaths._sum_w2,
     "sum_wc": PlainPaths._sum_wc,
+    "sum_wy2": PlainPaths._sum_wy2,
     "grouped": lambda view: view._portion.grouped,
 }

@@ -179,12 +179,14 @@ class PortionStreams:
         rays = self._counted_rays()
         weighted = "path.sum_w" in self._streams
         n = meta.n_paths
+        sum_w2 = self._stream("path.sum_w2", n, np.float64) if weighted else rays.astype(float)
         return PathDictionary(
             **columns._asdict(),
             rays=rays,
             sum_w=self._stream("path.sum_w", n, np.float64) if weighted else rays.astype(float),
-            sum_w2=self._stream("path.sum_w2", n, np.float64) if weighted else rays.astype(float),
+            sum_w2=sum_w2,
             sum_wc=self._color_sums(n),
+            sum_wy2=self._worth_squares(n, sum_w2),
             grouped=self.grouped,
         )
 
@@ -261,6 +263,16 @@ class PortionStreams:
             raise self._damaged("colours of the paths have another number of channels")
         sums[self.channel_set] = own
         return tuple(sums)
+
+    def _worth_squares(
+        self, n_paths: int, sum_w2: NDArray[np.float64]
+    ) -> NDArray[np.float64] | None:
+        light = self._map.photometry(self.channel_set)
+        if not light.changes:
+            return sum_w2 if light.unit == "lm" else None
+        if "path.sum_wy2" not in self._streams:
+            return None
+        return self._stream("path.sum_wy2", n_paths, np.float64)
 
     def _points(self, name: str) -> NDArray[Any]:
         """A column that the path dictionary implies."""

@@ -242,7 +242,7 @@ class RayMapWriter:
                     f"{len(self._channel_sets)}: call add_channel_set first"
                 )
             check_portion(portion, self.directory, self._channel_sets[portion.channel_set])
-        return self._encoder.encode(portion, number, len(self._channel_sets))
+        return self._encoder.encode(portion, number, self._channel_sets)
 
     def commit(self, encoded: EncodedPortion) -> None:
         """Write an encoded portion when its turn comes.

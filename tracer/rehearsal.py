@@ -116,6 +116,6 @@ def rehearse(directory: Directory, channel_set: ChannelSet, encoder: PortionEnco
     )
     Tally(directory, channel_set).add(portion)
     if encoder is not None:
-        encoded = encoder.encode(portion, 0, 1)
+        encoded = encoder.encode(portion, 0, [channel_set])
         if encoded.paths is not None:
             PathMerger().add(encoded.paths)

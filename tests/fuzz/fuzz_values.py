@@ -47,7 +47,7 @@ from raymap.layout import (  # noqa: E402
 from raymap.repair import repair  # noqa: E402
 from raymap.streams import STORED, WHOLE, decode_column, kind_of  # noqa: E402
 from raymap.verify import verify  # noqa: E402
-from tests.raymap.maps import RGB, portion_at, small_directory, write_small  # noqa: E402
+from tests.raymap.maps import COLORED, RGB, portion_at, small_directory, write_small  # noqa: E402
 
 _CRITERIA = tuple(
     parse(text)
@@ -74,6 +74,7 @@ _STATED_TWICE = (
     "path.sum_w2",
     "path.sum_c",
     "path.sum_wc",
+    "path.sum_wy2",
     "portion.n_rays",
     "portion.n_records",
     "portion.emitted",
@@ -209,6 +210,11 @@ def seeds(folder: Path) -> list[Seed]:
             {"weighted": True, "extra": True},
             {"n_paths": None, "weighted": True, "extra": True, "grouped": True},
             {"weighted": True, "grouped": True, "with_ids": False},
+            {
+                "weighted": True,
+                "directory": small_directory(flux_unit="lm"),
+                "channels": COLORED,
+            },
         )
     ):
         path = folder / f"seed{number}.raymap"

@@ -11,6 +11,13 @@ from tests.strategies import make_portion
 
 RGB = raymap.ChannelSet(kind="rgb", wavelengths_nm=(610.0, 550.0, 465.0))
 SPECTRAL = raymap.ChannelSet(kind="spectral", wavelengths_nm=(450.0, 500.0, 550.0, 600.0, 650.0))
+COLORED = raymap.ChannelSet(
+    kind="spectral",
+    wavelengths_nm=(450.0, 550.0, 610.0),
+    luminous=(25.954, 679.585, 343.549),
+    source_colors=((0.5, 0.3, 0.2), (0.1, 0.0, 0.9)),
+)
+"""Of light in lumen: 683 V(λ), and the mean colours of the sources of `small_directory`."""
 
 
 def small_directory(**changes):

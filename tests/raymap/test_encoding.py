@@ -224,12 +224,12 @@ def test_coordinates_that_repeat_are_stored_whole(steps, whole):
 
 def test_memory_of_written_portions_is_used_again():
     encoder = PortionEncoder(small_directory())
-    first = encoder.encode(portion_at(0), 0, 1)
+    first = encoder.encode(portion_at(0), 0, [RGB])
     memory = first.lent[0]
-    waiting = encoder.encode(portion_at(0), 1, 1)
+    waiting = encoder.encode(portion_at(0), 1, [RGB])
     assert waiting.lent[0] is not memory
     first.release()
-    assert encoder.encode(portion_at(0), 2, 1).lent[0] is memory
+    assert encoder.encode(portion_at(0), 2, [RGB]).lent[0] is memory
 
 
 def test_the_disk_takes_bytes_while_more_are_written(tmp_path, monkeypatch):

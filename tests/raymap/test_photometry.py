@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -105,6 +107,18 @@ def test_stated_false_colours_are_kept() -> None:
     )
     # Maps of old state colours that were clipped one by one
     np.testing.assert_allclose(channel_rgb(stored), channel_rgb(seen))
+
+
+@pytest.mark.parametrize(
+    ("fields", "match"),
+    [
+        ({"kind": "rgb", "wavelengths_nm": NM[:2]}, "three channels, not 2"),
+        ({"kind": "spectral", "source_colors": ((0.5, 0.5), (1.0,))}, "source_colors has rows"),
+    ],
+)
+def test_sets_that_contradict_themselves_are_refused(fields: dict[str, Any], match: str) -> None:
+    with pytest.raises(ValueError, match=match):
+        ChannelSet(**{"wavelengths_nm": NM, **fields})
 
 
 def test_shares_by_code() -> None:
