@@ -115,9 +115,9 @@ def by_rays(ray_map: raymap.RayMap) -> list[tuple[float, ...]]:
     return found
 
 
-def asked_of_paths(ray_map: raymap.RayMap) -> bool:
+def asked_of_paths(ray_map: raymap.RayMap, *questions: str | None) -> bool:
     """Whether no portion stays open for questions about paths alone."""
-    nodes = bind_all(ray_map, list(QUESTIONS))
+    nodes = bind_all(ray_map, list(questions or QUESTIONS))
     return not Scan(ray_map, nodes).open_portions
 
 
