@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from query.context import PathContext
+from query.doubt import FOOTNOTE, MARK, is_doubtful
 from query.path_keys import Keys, group, path_keys
 from query.path_text import PathNames, exact_criterion, path_text
 from query.peaks import find_peaks
@@ -264,21 +265,33 @@ class PathTable:
         """The strongest paths as a table of plain text."""
         unit = self.map.directory.flux_unit
         lines = [f"{'rays':>12} {f'flux [{unit}]':>12} {'±':>9} {'share':>9}  path by {self.by}"]
-        for row in self.rows(_SHOWN):
+        rows = self.rows(_SHOWN)
+        for row in rows:
             lines.append(
-                f"{row.rays:>12,} {row.flux:>12.4g} {row.flux_se:>9.2g} {row.share:>9.3%}  "
+                f"{row.rays:>12,} {row.flux:>12.4g} {_marked_se(row):>9} {row.share:>9.3%}  "
                 f"{row.path}"
             )
-        return "\n".join(lines)
+        return "\n".join([*lines, *_footnote(rows)])
 
     def _repr_html_(self) -> str:
         head = "".join(f"<th>{name}</th>" for name in ("path", "rays", "flux", "±", "share"))
+        rows = self.rows(_SHOWN)
         body = "".join(
             f"<tr><td>{escape(row.path)}</td><td>{row.rays:,}</td><td>{row.flux:.4g}</td>"
-            f"<td>{row.flux_se:.2g}</td><td>{row.share:.3%}</td></tr>"
-            for row in self.rows(_SHOWN)
+            f"<td>{_marked_se(row)}</td><td>{row.share:.3%}</td></tr>"
+            for row in rows
         )
-        return f"<table><tr>{head}</tr>{body}</table>"
+        note = "".join(f"<p>{escape(text)}</p>" for text in _footnote(rows))
+        return f"<table><tr>{head}</tr>{body}</table>{note}"
+
+
+def _marked_se(row: PathRow) -> str:
+    mark = f" {MARK}" if is_doubtful(row.flux, row.flux_se) else ""
+    return f"{row.flux_se:.2g}{mark}"
+
+
+def _footnote(rows: list[PathRow]) -> list[str]:
+    return [FOOTNOTE] if any(is_doubtful(row.flux, row.flux_se) for row in rows) else []
 
 
 def _index(name: str, names: list[str], kind: str) -> int:

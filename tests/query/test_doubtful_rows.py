@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
+import query
+from query.doubt import FOOTNOTE
 from query.terminal import print_rows
 
 
@@ -18,3 +22,16 @@ def test_rows_above_thirty_percent_carry_a_mark(capsys: pytest.CaptureFixture[st
     assert "standard error" in capsys.readouterr().out
     print_rows(rows[1:], "rows")
     assert "standard error" not in capsys.readouterr().out
+
+
+def test_tables_in_notebooks_carry_the_mark(maps: dict[str, Any]) -> None:
+    seen = set()
+    for map in maps.values():
+        table = query.path_table(map)
+        doubtful = [row.flux_se > 0.3 * row.flux for row in table.rows(20)]
+        lines = str(table).splitlines()[1:]
+        assert [" ? " in line[:50] for line in lines[: len(doubtful)]] == doubtful
+        assert (lines[-1] == FOOTNOTE) == any(doubtful)
+        assert table._repr_html_().count(" ?</td>") == sum(doubtful)
+        seen |= set(doubtful)
+    assert seen == {True, False}
