@@ -34,7 +34,7 @@ def test_commands_of_the_page_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     (scene,) = [text for text in SCENES if "[detectors.eye]" in text]
     (tmp_path / "luminaire.toml").write_text(scene, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    commands = re.findall(r"^raymap ((?:record|image|chart) luminaire.*)$", PAGE, re.M)
+    commands = re.findall(r"^\$ raymap ((?:record|image|chart) luminaire.*)$", PAGE, re.M)
     assert len(commands) == 5
     for command in commands:
         words = shlex.split(command.replace("1000000", "2000"))

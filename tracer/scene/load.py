@@ -112,7 +112,14 @@ def load_scene(
         text = path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
         raise SceneError(f"there is no scene file {str(path)!r}; check the path") from None
-    except (OSError, UnicodeDecodeError) as error:
+    except IsADirectoryError:
+        raise SceneError(f"{str(path)!r} is a folder; name the scene file in it") from None
+    except UnicodeDecodeError as error:
+        raise SceneError(
+            f"{str(path)!r} is not a scene file: no text in UTF-8 (byte {error.start}: "
+            f"{error.reason})"
+        ) from None
+    except OSError as error:
         raise SceneError(f"cannot read the scene file {str(path)!r}: {error}") from None
     return parse_scene(
         text, variants=variants, simulation=simulation, origin=path.name, folder=path.parent
