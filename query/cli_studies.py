@@ -39,7 +39,7 @@ def audit(
         ]
         print_rows(rows, f"flux [{result.flux_unit}] by how it ended")
         takers = [
-            {"object": name, "rays": entry["rays"], "flux": entry["flux"]}
+            {"object": name} | {key: entry[key] for key in ("rays", "flux", "flux_se")}
             for name, entry in answer["absorbed_by"].items()
         ]
         print_rows(takers, "absorbed by", result.flux_unit)

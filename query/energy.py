@@ -36,7 +36,8 @@ class Audit:
     sources : names
     rays, flux, flux_se : (n_sources, 5) per class of `CLASSES`
     emitted : (n_sources,) rays; emitted_flux : (n_sources,) [flux unit]
-    absorbed_by : per object or medium the (n_sources,) flux that it took, detected light included
+    absorbed_by : per object or medium the (n_sources,) flux that it took, detected light included;
+        absorbed_se : standard error of what it took of all sources
     worth_by_color : the flux of a ray follows its colour, as lumens do: the classes then add up to
         ``emitted_flux`` within their errors
     """
@@ -49,6 +50,7 @@ class Audit:
     emitted_flux: NDArray[np.float64]
     absorbed_by: dict[str, NDArray[np.float64]]
     absorbed_rays: dict[str, NDArray[np.int64]]
+    absorbed_se: dict[str, float]
     flux_unit: str
     weighted: bool
     worth_by_color: bool = False
@@ -82,11 +84,16 @@ class Audit:
                     **{kind: float(self.flux[row, k]) for k, kind in enumerate(CLASSES)},
                     "missing": float(self.missing_flux[row]),
                 },
+                "flux_se": {kind: float(self.flux_se[row, k]) for k, kind in enumerate(CLASSES)},
             }
         return {
             "sources": by_source,
             "absorbed_by": {
-                name: {"rays": int(self.absorbed_rays[name].sum()), "flux": float(flux.sum())}
+                name: {
+                    "rays": int(self.absorbed_rays[name].sum()),
+                    "flux": float(flux.sum()),
+                    "flux_se": self.absorbed_se[name],
+                }
                 for name, flux in self.absorbed_by.items()
             },
             "flux_unit": self.flux_unit,
@@ -127,6 +134,9 @@ def audit(
     factors = source_factors(directory, emitted)
     repeated = np.repeat(factors, 5)
     spread = variances(repeated, np.repeat(emitted, 5), ends.sum_w, ends.sum_w2)
+    sent = np.repeat(emitted, n_takers)
+    own = variances(np.repeat(factors, n_takers), sent, takers.sum_w, takers.sum_w2)
+    taken_se = np.sqrt(own.reshape(n_sources, n_takers).sum(axis=0))
     taken = takers.rays.reshape(n_sources, n_takers)
     taken_flux = takers.sum_w.reshape(n_sources, n_takers) * factors[:, None]
     names = [item.name for item in directory.objects]
@@ -142,6 +152,7 @@ def audit(
         emitted_flux=factors * emitted,
         absorbed_by={names[k]: taken_flux[:, k] for k in some},
         absorbed_rays={names[k]: taken[:, k] for k in some},
+        absorbed_se={names[k]: float(taken_se[k]) for k in some},
         flux_unit=directory.flux_unit,
         weighted=any(portion.has_weights for portion in map.portions),
         worth_by_color=any(

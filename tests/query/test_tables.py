@@ -153,6 +153,7 @@ def test_the_audit_closes(map: Any) -> None:
     walls = select(map, 'last(hit("wall", surface_absorption))')
     if walls:
         assert audit.absorbed_rays["wall"].sum() == walls.matched
+        assert audit.absorbed_se["wall"] == pytest.approx(walls.flux_se)
 
 
 def test_illuminated_and_critical_objects(map: Any) -> None:
