@@ -10,12 +10,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.special import expn
+from scipy.stats import chi2
 
 import query
 import raymap
 from query.energy import audit
 from raymap import rayfiles
 from raymap.colorimetry import chromaticity, photopic
+from tests.raymap.test_lumen_squares import asked_of_paths
 from tracer import record
 from tracer.results import RecordResult
 
@@ -293,6 +296,55 @@ def test_stated_errors_of_lumens_cover(tmp_path: Path) -> None:
     assert abs(pulls.mean()) < 4 / np.sqrt(30)
     # 0.999 of χ²/30 lies in 0.39 .. 2.0
     assert 0.39 < (pulls**2).mean() < 2.0
+
+
+DYE = """
+length_unit = "m"
+flux_unit = "lm"
+[spectrum]
+kind = "spectral"
+wavelengths_nm = [450, 550, 610]
+[media.dye]
+index = 1.0
+absorption = { wavelength_nm = [400, 500, 501, 580, 581, 700], value = [0.3, 0.3, 3, 3, 1, 1] }
+[bodies.plate]
+kind = "box"
+size = [200000, 200000, 1]
+medium = "dye"
+[sources.s]
+kind = "point"
+flux = 100
+inside = "plate"
+spectrum = { lines = { wavelength_nm = [450, 550, 610], power = [3, 1, 1] } }
+"""
+"""Light of one path ends in any mixture of three colours, by the way that it had in the plate."""
+
+
+@pytest.mark.slow
+def test_stated_errors_of_mixed_light_cover(tmp_path: Path) -> None:
+    """200 maps of a point in the middle of an absorbing plate: Σ P V E₂(a h) / Σ P V leave it.
+
+    E₂ is the exponential integral (Abramowitz & Stegun, 5.1.4): the mean of exp(−a h / cos θ) over
+    all directions.
+    """
+    power, a = np.array([3.0, 1.0, 1.0]), np.array([0.3, 3.0, 1.0])
+    v = power * photopic([450.0, 550.0, 610.0])
+    left = 100.0 * (v @ expn(2, a * 0.5)) / v.sum()
+    pulls = []
+    for seed in range(200):
+        _, ray_map = recorded(DYE, tmp_path / "a.raymap", rays=1_000, seed=seed)
+        with ray_map:
+            assert asked_of_paths(ray_map, "event(left)")
+            found = query.select(ray_map, "event(left)").summary()
+            pulls.append((found["flux"] - left) / found["flux_se"])
+            [merged] = ray_map.merged.paths.sum_wc
+            assert (merged > 0.0).all(axis=1).any()
+    assert abs(np.mean(pulls)) < 4 / np.sqrt(200)
+    low, high = chi2.ppf([5e-4, 1 - 5e-4], 200) / 200
+    assert low < np.mean(np.square(pulls)) < high
+    # 95 of 100 within 1.96 standard errors, as far as 200 tell
+    within = np.mean(np.abs(pulls) < 1.96)
+    assert abs(within - 0.95) < 4 * np.sqrt(0.95 * 0.05 / 200)
 
 
 def test_equal_energy_daylight_is_shown_white(tmp_path: Path) -> None:
