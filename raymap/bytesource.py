@@ -74,6 +74,12 @@ class LocalBytes:
         self._closed = False
 
     @property
+    def identity(self) -> tuple[int, int]:
+        """Device and inode of the open file."""
+        status = os.fstat(self._descriptor)
+        return status.st_dev, status.st_ino
+
+    @property
     def size(self) -> int:
         return os.fstat(self._descriptor).st_size
 

@@ -12,6 +12,7 @@ import functools
 import hashlib
 import os
 import shutil
+import stat
 import sys
 import threading
 import time
@@ -19,13 +20,14 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-__all__ = ["cache_folder", "fingerprint", "keep_compiled", "remove_old", "user_caches"]
+__all__ = ["cache_folder", "fingerprint", "is_own", "keep_compiled", "remove_old", "user_caches"]
 
 _ROOMS = ("raymap", "tracer", "query", "viewer", "service")
 _PREFIX = "compiled-"
 _KEPT_FOLDERS = 4
 _KEPT_SECONDS = 30 * 86_400
 _TOUCHED_AFTER = 86_400
+_OF_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 _lock = threading.RLock()
 
 
@@ -40,6 +42,8 @@ def keep_compiled(decorate: Callable[[bool], Any]) -> Any:
     decorate : makes Numba's dispatcher, with or without a cache
     """
     with _own_folder():
+        if not _may_be_kept():
+            return decorate(False)
         try:
             compiled = decorate(True)
         except RuntimeError:
@@ -48,6 +52,25 @@ def keep_compiled(decorate: Callable[[bool], Any]) -> Any:
     if hasattr(compiled, "_cache"):
         compiled._cache = _Forgiving(compiled._cache)
     return compiled
+
+
+@functools.cache
+def _may_be_kept() -> bool:
+    """Whether the folder that is used is this user's, be it Raymap's or the one that was chosen."""
+    chosen = os.environ.get("NUMBA_CACHE_DIR")
+    if not chosen:
+        caches = None if cache_folder() else user_caches()
+        folder = caches and caches / "raymap" / (_PREFIX + fingerprint())
+        return not folder or not folder.is_dir() or is_own(folder)
+    if not hasattr(os, "getuid"):
+        return True
+    try:
+        status = os.stat(chosen)
+    except FileNotFoundError:
+        return True
+    except OSError:
+        return False
+    return status.st_uid == os.getuid() and not status.st_mode & stat.S_IWOTH
 
 
 @contextlib.contextmanager
@@ -108,13 +131,46 @@ def cache_folder() -> Path | None:
             return None
         folder = caches / "raymap" / (_PREFIX + fingerprint())
         if not folder.is_dir():
-            folder.mkdir(parents=True, mode=0o700, exist_ok=True)
+            folder.parent.mkdir(parents=True, mode=0o700, exist_ok=True)
+            folder.mkdir(mode=0o700, exist_ok=True)
             remove_old(folder)
         elif time.time() - folder.stat().st_mtime > _TOUCHED_AFTER:
             os.utime(folder)
+        if not is_own(folder):
+            # Somebody else could have put code there
+            return None
         return folder if os.access(folder, os.W_OK | os.X_OK) else None
     except OSError:
         return None
+
+
+def is_own(folder: Path) -> bool:
+    """Whether nobody else can put files into a folder of compiled code, which is run as it is.
+
+    The folder and the one above it, by which it could be exchanged, must be of this user; others
+    lose the right to write to them. The files in it must be of this user, too.
+    """
+    if not hasattr(os, "getuid"):
+        return True
+    try:
+        for place in (folder.parent, folder):
+            status = place.lstat()
+            if status.st_uid != os.getuid() or stat.S_ISLNK(status.st_mode):
+                return False
+            if status.st_mode & _OF_OTHERS:
+                place.chmod(stat.S_IMODE(status.st_mode) & ~_OF_OTHERS)
+        return all(_is_own_file(entry) for entry in (*folder.iterdir(), *folder.glob("*/*")))
+    except OSError:
+        return False
+
+
+def _is_own_file(place: Path) -> bool:
+    try:
+        status = place.lstat()
+    except FileNotFoundError:
+        # Another process has removed what it no longer uses
+        return True
+    return status.st_uid == os.getuid() and not stat.S_ISLNK(status.st_mode)
 
 
 def fingerprint(root: str | os.PathLike[str] | None = None) -> str:

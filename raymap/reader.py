@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from raymap.address import Address, place_of
 from raymap.agreement import FalseFooter, compare_all
+from raymap.bytesource import LocalBytes
 from raymap.chunks import Chunk, Gap, MapFile
 from raymap.decoding import FOREIGN
 from raymap.description import (
@@ -116,6 +117,12 @@ class RayMap:
         except BaseException:
             self.file.close()
             raise
+
+    @property
+    def identities(self) -> list[tuple[int, int]]:
+        """Device and inode of each open file of this machine, whatever its name means by now."""
+        source = self.file.bytes
+        return [source.identity] if isinstance(source, LocalBytes) else []
 
     # -- life --------------------------------------------------------------------------------
 

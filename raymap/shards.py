@@ -185,6 +185,11 @@ class ShardedMap(RayMap):
             self._combine()
         return any(changed)
 
+    @property
+    def identities(self) -> list[tuple[int, int]]:
+        """Device and inode of each open file of this machine, in the order of the maps."""
+        return [identity for shard in self._maps for identity in shard.identities]
+
     def close(self) -> None:
         """Close all files."""
         for shard in self._maps:

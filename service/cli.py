@@ -61,6 +61,15 @@ def serve(
     stop_seconds: Annotated[
         float, typer.Option(min=0.0, help="What answers under way may take after SIGTERM [s].")
     ] = 30.0,
+    scene_seconds: Annotated[
+        float, typer.Option(min=0.1, help="Time limit for reading a scene [s].")
+    ] = 120.0,
+    memory_bytes: Annotated[
+        int, typer.Option(min=2**28, help="Memory of each process that reads, records or paints.")
+    ] = 2**33,
+    disk_bytes: Annotated[
+        int, typer.Option(min=0, help="What clients may record and upload while it runs.")
+    ] = 2**37,
     no_browser: Annotated[
         bool, typer.Option("--no-browser", help="Never open a browser for a client.")
     ] = False,
@@ -92,7 +101,12 @@ def serve(
         tls=tls,
         without_tls=without_tls,
         limits=Limits(
-            searches=searches, search_seconds=search_seconds, record_seconds=record_seconds
+            searches=searches,
+            search_seconds=search_seconds,
+            record_seconds=record_seconds,
+            scene_seconds=scene_seconds,
+            memory_bytes=memory_bytes,
+            disk_bytes=disk_bytes,
         ),
         threads=threads,
         browser=not no_browser,

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import errno
 import os
-import tomllib
-from collections.abc import Iterator
+import stat
 from pathlib import Path, PurePosixPath, PureWindowsPath
-from typing import Any
 
-from raymap.errors import RayMapError, SceneError
+from raymap.errors import RayMapError
 
 __all__ = ["OutsideFolder", "ServedFolder"]
 
-_FREE_TEXT = {"title", "description", "comment", "note"}
+_WALKS = os.open in os.supports_dir_fd and hasattr(os, "O_NOFOLLOW")
+"""Whether files can be opened from a folder that is held open (not on Windows)."""
+
+_READ = os.O_RDONLY | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOFOLLOW", 0)
 
 
 class OutsideFolder(RayMapError, PermissionError):
@@ -74,6 +76,81 @@ class ServedFolder:
         except (OSError, RuntimeError):
             return False
 
+    def open(self, found: Path) -> int:
+        """A descriptor of a file inside, to read; no link is followed that appeared meanwhile.
+
+        Parameters
+        ----------
+        found : as `path` answered it
+
+        Raises
+        ------
+        OutsideFolder
+            It is no file, or one of its folders has become a link.
+        OSError
+            It cannot be read.
+        """
+        if not self.holds(found) or found == self.root:
+            raise OutsideFolder(f"{found.name!r} is outside the served folder")
+        descriptor = self._walk(found) if _WALKS else _open_and_look(found)
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            os.close(descriptor)
+            raise OutsideFolder(f"{self.shown(found)!r} is no file")
+        return descriptor
+
+    def _walk(self, found: Path) -> int:
+        """Go down from the root, folder by folder."""
+        held = self._hold(found.parent)
+        try:
+            # A pipe must not make the service wait for who writes into it
+            return os.open(found.name, _READ | os.O_NONBLOCK, dir_fd=held)
+        except OSError as error:
+            raise self._link(found, error) from None
+        finally:
+            os.close(held)
+
+    def _hold(self, found: Path) -> int:
+        """A descriptor of a folder inside."""
+        held = os.open(self.root, _READ | os.O_DIRECTORY)
+        try:
+            for folder in found.relative_to(self.root).parts:
+                inner = os.open(folder, _READ | os.O_DIRECTORY, dir_fd=held)
+                os.close(held)
+                held = inner
+        except OSError as error:
+            os.close(held)
+            raise self._link(found, error) from None
+        return held
+
+    def _link(self, found: Path, error: OSError) -> OSError:
+        """The error of an opening, said as what it means here."""
+        if error.errno in (errno.ELOOP, errno.ENOTDIR, errno.ENXIO):
+            return OutsideFolder(f"{self.shown(found)!r} has become a link, or is no file")
+        return error
+
+    def enter(self, found: Path) -> None:
+        """Make a folder inside the current one, whatever its name may come to mean."""
+        if not _WALKS:
+            os.chdir(found)
+            return
+        held = self._hold(found)
+        try:
+            os.fchdir(held)
+        finally:
+            os.close(held)
+
+    def same(self, found: Path, identity: tuple[int, int]) -> bool:
+        """Whether an opened file (device and inode) is the one that lies inside."""
+        try:
+            descriptor = self.open(found)
+        except (OSError, OutsideFolder):
+            return False
+        try:
+            status = os.fstat(descriptor)
+        finally:
+            os.close(descriptor)
+        return (status.st_dev, status.st_ino) == identity
+
     def map_paths(self, name: object) -> list[Path]:
         """The files of a map: itself, or those of a folder of maps, each of them inside."""
         from raymap.shards import shard_paths
@@ -94,46 +171,12 @@ class ServedFolder:
         """A message without the place of the folder on this machine."""
         return text.replace(f"{self.root}{os.sep}", "").replace(str(self.root), ".")
 
-    def check_scene(self, text: str, folder: Path, origin: str) -> None:
-        """Refuse a scene that names files outside.
 
-        Every text of a scene that could be a path is looked at, whatever its key means.
-
-        Raises
-        ------
-        OutsideFolder, SceneError
-        """
-        try:
-            tree = tomllib.loads(text)
-        except (tomllib.TOMLDecodeError, RecursionError) as error:
-            raise SceneError(f"{origin}: not a TOML file: {error}") from None
-        for key, value in _texts(tree, "", 0):
-            if len(value) > 1000 or "\0" in value:
-                continue
-            slashed = value.replace("\\", "/")
-            candidate = folder / slashed
-            if not ("/" in slashed or slashed.startswith((".", "~")) or os.path.lexists(candidate)):
-                continue
-            try:
-                inside = self.holds(candidate.resolve()) and not slashed.startswith("~")
-            except (OSError, RuntimeError, ValueError):
-                inside = False
-            if not inside:
-                raise OutsideFolder(
-                    f"{origin}: {key}: {value!r} is outside the served folder; put the file into it"
-                )
-
-
-def _texts(value: Any, key: str, depth: int) -> Iterator[tuple[str, str]]:
-    """(key, text) of every text of a scene, names and remarks left out."""
-    if depth > 64:
-        raise SceneError(f"{key}: the scene nests deeper than 64")
-    if isinstance(value, str):
-        yield key, value
-    elif isinstance(value, list):
-        for item in value:
-            yield from _texts(item, key, depth + 1)
-    elif isinstance(value, dict):
-        for name, item in value.items():
-            if name not in _FREE_TEXT:
-                yield from _texts(item, f"{key}.{name}" if key else name, depth + 1)
+def _open_and_look(found: Path) -> int:
+    """Open, then look where that was: for systems without folders that are held open."""
+    descriptor = os.open(found, os.O_RDONLY | getattr(os, "O_BINARY", 0))
+    opened, there = os.fstat(descriptor), found.lstat()
+    if found.resolve() != found or (opened.st_dev, opened.st_ino) != (there.st_dev, there.st_ino):
+        os.close(descriptor)
+        raise OutsideFolder(f"{found.name!r} has become a link")
+    return descriptor

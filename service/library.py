@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 
 from raymap.errors import NotARayMap
 from raymap.opening import open as open_map
-from service.confine import ServedFolder
+from service.confine import OutsideFolder, ServedFolder
 
 if TYPE_CHECKING:
     from raymap.reader import RayMap
 
-__all__ = ["Library"]
+__all__ = ["Library", "check_inside"]
 
 _Stamp = tuple[tuple[int, int, int], ...]
 
@@ -81,9 +81,14 @@ class Library:
     def open(self, name: str, paths: list[Path] | None = None) -> RayMap:
         """A map opened for one reader alone, who closes it."""
         chosen = self.folder.map_paths(name) if paths is None else paths
-        if len(chosen) == 1 and not self.folder.path(name).is_dir():
-            return open_map(chosen[0], on_damage="skip")
-        return open_map(chosen, on_damage="skip")
+        single = len(chosen) == 1 and not self.folder.path(name).is_dir()
+        opened = open_map(chosen[0] if single else chosen, on_damage="skip")
+        try:
+            check_inside(self.folder, opened, chosen)
+        except BaseException:
+            opened.close()
+            raise
+        return opened
 
     def close(self) -> None:
         """Close all maps."""
@@ -96,6 +101,21 @@ class Library:
         shelved.stale = True
         if not shelved.readers:
             shelved.map.close()
+
+
+def check_inside(folder: ServedFolder, opened: RayMap, paths: list[Path]) -> None:
+    """Compare the files that were opened with those that lie inside, link or not.
+
+    Raises
+    ------
+    OutsideFolder
+        A name has become a link between the look at it and the opening.
+    """
+    for path, identity in zip(paths, opened.identities, strict=True):
+        if not folder.same(path, identity):
+            raise OutsideFolder(
+                f"{folder.shown(path)!r} has become a link that leads outside the served folder"
+            )
 
 
 def _stamp(paths: list[Path]) -> _Stamp:

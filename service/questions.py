@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from typing import Any
 
@@ -9,8 +10,11 @@ from raymap.shards import SUFFIX
 from service.confine import ServedFolder
 from service.library import Library
 from service.limits import Deadline, Gate
+from service.naming import names_of
 from service.requests import BadRequest, Request
-from service.scenes import SceneRequest, describe_scene, names_of
+from service.results import check_scene
+from service.scenes import SceneRequest
+from service.workers import Bounds, Workers
 
 __all__ = ["Questions"]
 
@@ -22,9 +26,15 @@ class Questions:
     """What is in the folder, what is in a map, how many rays, one ray."""
 
     def __init__(
-        self, folder: ServedFolder, library: Library, gate: Gate, threads: int | None
+        self,
+        folder: ServedFolder,
+        library: Library,
+        gate: Gate,
+        workers: Workers,
+        threads: int | None,
     ) -> None:
         self.folder, self.library, self.gate, self.threads = folder, library, gate, threads
+        self.workers = workers
 
     def files(self, request: Request, gone: Gone) -> dict[str, Any]:
         """Maps, folders and scenes of a folder."""
@@ -47,8 +57,16 @@ class Questions:
         """Read and check a scene; its names."""
         scene = SceneRequest(request, self.folder)
         request.finish()
+        limits = request.limits
+        bounds = Bounds(
+            seconds=limits.scene_seconds,
+            memory_bytes=limits.memory_bytes,
+            file_bytes=limits.scene_files_bytes,
+            threads=os.cpu_count() or 1,
+            option="--scene-seconds",
+        )
         with self.gate.turn():
-            return describe_scene(scene.compile())
+            return check_scene(self.workers.ask("scene", scene.job(), bounds, gone))
 
     def describe(self, request: Request, gone: Gone) -> dict[str, Any]:
         """What a map holds: counts, and names of sources, objects, faces, detectors."""

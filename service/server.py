@@ -22,16 +22,19 @@ from service.access import Tls, TokenCheck, is_local
 from service.applications import Applications
 from service.calls import Calls
 from service.confine import ServedFolder
+from service.disk import Disk
+from service.front import Front, is_possible
 from service.library import Library
-from service.limits import Busy, Gate, Limits, OutOfTime
+from service.limits import Busy, Gate, Limits, OutOfTime, Shares
 from service.metrics import Metrics
 from service.questions import Questions
-from service.recording import record_events
+from service.recording import Recorder
 from service.requests import BadRequest, Request
 from service.rights import Grant, NotAllowed
 from service.streams import STREAMS, Answer, Streams
 from service.tokens import TokenFile
 from service.uploads import take_file
+from service.workers import Workers
 
 __all__ = ["RaymapService", "serve"]
 
@@ -99,9 +102,12 @@ class RaymapService(flight.FlightServerBase):  # type: ignore[misc]
         self.library = Library(self.folder, self.limits.maps)
         self.threads = threads
         searches = Gate(self.limits.searches, self.limits.turn_seconds, "searches")
-        self._recordings = Gate(self.limits.recordings, self.limits.turn_seconds, "recordings")
-        self._questions = Questions(self.folder, self.library, searches, threads)
-        self._streams = Streams(self.library, searches, threads)
+        recordings = Gate(self.limits.recordings, self.limits.turn_seconds, "recordings")
+        self._workers = Workers(spares=self.limits.spare_workers > 0)
+        self._disk = Disk(self.folder.root, self.limits)
+        self._recorder = Recorder(self.folder, recordings, self._workers, self._disk, threads)
+        self._questions = Questions(self.folder, self.library, searches, self._workers, threads)
+        self._streams = Streams(self.library, searches, self._workers, threads)
         self.applications = Applications(self.library, self.limits, browser=browser)
         self.metrics = Metrics(
             {
@@ -120,10 +126,18 @@ class RaymapService(flight.FlightServerBase):  # type: ignore[misc]
             tokens.check()
         self._scheme = "grpc" if tls is None else "grpc+tls"
         self._host = host
-        certificates = None if tls is None else [(tls.certificate, tls.key)]
+        self._requests = Shares(self.limits.requests, self.limits.client_requests, "requests")
+        self._answers = Shares(self.limits.streams, self.limits.client_streams, "streams")
+        location, certificates = f"{self._scheme}://{host}:{port}", None
+        self._front: Front | None = None
         try:
+            if is_possible():
+                self._front = Front(host, port, tls, self.limits)
+                location = f"grpc+unix://{self._front.inner}"
+            elif tls is not None:
+                certificates = [(tls.certificate, tls.key)]
             super().__init__(
-                f"{self._scheme}://{host}:{port}",
+                location,
                 tls_certificates=certificates,
                 middleware={"token": TokenCheck(token, tokens, self.metrics.refuse)},
             )
@@ -132,15 +146,19 @@ class RaymapService(flight.FlightServerBase):  # type: ignore[misc]
             raise RayMapError(
                 f"cannot serve at {host}:{port} ({line}); choose another with --port"
             ) from None
+        if self._front is not None:
+            self._front.start()
 
     @property
     def address(self) -> str:
         """What clients connect to."""
-        return f"{self._scheme}://{self._host}:{self.port}"
+        port = self.port if self._front is None else self._front.port
+        return f"{self._scheme}://{self._host}:{port}"
 
     def close(self) -> None:
         """End all applications and close all maps; call it after `shutdown`."""
         self.applications.close()
+        self._workers.close()
         self.library.close()
 
     def notice(self) -> None:
@@ -150,6 +168,8 @@ class RaymapService(flight.FlightServerBase):  # type: ignore[misc]
     def shutdown(self) -> None:
         """End it, after the calls under way."""
         self._ended.set()
+        if self._front is not None:
+            self._front.stop()
         super().shutdown()
 
     def wait(self) -> None:
@@ -166,7 +186,10 @@ class RaymapService(flight.FlightServerBase):  # type: ignore[misc]
         """Answer with JSON objects: one, or several while something runs."""
         caller = context.get_middleware("token")
         try:
-            with self.calls.under_way(action.type, caller, context.is_cancelled) as gone:
+            with (
+                self._requests.one(caller.grant.name),
+                self.calls.under_way(action.type, caller, context.is_cancelled) as gone,
+            ):
                 for answer in self._act(action.type, action.body, caller.grant, gone):
                     body = json.dumps(answer, default=_plain).encode()
                     self.metrics.transfer("sent", len(body))
@@ -184,7 +207,7 @@ class RaymapService(flight.FlightServerBase):  # type: ignore[misc]
         request = self._request(body, kind)
         self._check(grant, kind, request)
         if kind == "record":
-            yield from record_events(request, self.folder, self._recordings, self.threads, gone)
+            yield from self._recorder.events(request, gone)
         elif kind == "hello":
             request.finish()
             yield {**self._hello(), "rights": sorted(grant.rights), "maps": grant.maps}
@@ -239,11 +262,14 @@ class RaymapService(flight.FlightServerBase):  # type: ignore[misc]
         caller, asked = context.get_middleware("token"), ticket.ticket
         try:
             kind = self._kind(asked)
-            with self.calls.under_way(kind, caller, context.is_cancelled) as gone:
+            with (
+                self._requests.one(caller.grant.name),
+                self.calls.under_way(kind, caller, context.is_cancelled) as gone,
+            ):
                 answer = self._answer(asked, caller.grant, gone)
         except BaseException as error:
             raise _refusal(error, self.folder) from None
-        batches = self._checked(answer.batches, kind, gone)
+        batches = self._checked(answer.batches, kind, caller.grant.name, gone)
         return flight.GeneratorStream(answer.schema, batches)
 
     def _kind(self, body: Any) -> str:
@@ -260,11 +286,15 @@ class RaymapService(flight.FlightServerBase):  # type: ignore[misc]
         return self._streams.answer(request, gone)
 
     def _checked(
-        self, batches: Iterator[pa.RecordBatch], kind: str, gone: Callable[[], bool]
+        self,
+        batches: Iterator[pa.RecordBatch],
+        kind: str,
+        client: str,
+        gone: Callable[[], bool],
     ) -> Iterator[pa.Table]:
         """The batches as tables: only so does Flight send their dictionaries of names along."""
         try:
-            with self.calls.sending(kind):
+            with self._answers.one(client), self.calls.sending(kind):
                 for batch in batches:
                     if gone():
                         raise OutOfTime("nobody may have the rest of this answer any more")
@@ -281,7 +311,10 @@ class RaymapService(flight.FlightServerBase):  # type: ignore[misc]
         try:
             body = _bytes(descriptor.command or b"", self.limits)
             kind = self._kind(body)
-            with self.calls.under_way(kind, caller, context.is_cancelled) as gone:
+            with (
+                self._requests.one(caller.grant.name),
+                self.calls.under_way(kind, caller, context.is_cancelled) as gone,
+            ):
                 schema = self._answer(body, caller.grant, gone).schema
         except BaseException as error:
             raise _refusal(error, self.folder) from None
@@ -317,10 +350,13 @@ class RaymapService(flight.FlightServerBase):  # type: ignore[misc]
         """Take a file into the folder."""
         caller = context.get_middleware("token")
         try:
-            with self.calls.under_way("upload", caller, context.is_cancelled):
+            with (
+                self._requests.one(caller.grant.name),
+                self.calls.under_way("upload", caller, context.is_cancelled),
+            ):
                 request = self._request(descriptor.command or b"", "upload")
                 self._check(caller.grant, "upload", request)
-                target = take_file(request, self.folder, reader)
+                target = take_file(request, self.folder, self._disk, reader)
                 size = target.stat().st_size
                 self.metrics.transfer("received", size)
                 answer = {"file": self.folder.shown(target), "bytes": size}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -18,6 +19,8 @@ from raymap.photometry import colors_of_codes, displayed
 from service.library import Library
 from service.limits import Deadline, Gate
 from service.requests import Request
+from service.results import read_png
+from service.workers import Bounds, Workers
 
 __all__ = ["STREAMS", "Answer", "Streams"]
 
@@ -66,8 +69,9 @@ class Answer:
 class Streams:
     """Selected rays, path tables, images and pictures."""
 
-    def __init__(self, library: Library, gate: Gate, threads: int | None) -> None:
+    def __init__(self, library: Library, gate: Gate, workers: Workers, threads: int | None) -> None:
         self.library, self.gate, self.threads = library, gate, threads
+        self.workers = workers
 
     def answer(self, request: Request, gone: Gone) -> Answer:
         """The stream that a ticket asks for."""
@@ -229,7 +233,6 @@ class Streams:
 
     def _picture(self, request: Request, gone: Gone) -> Answer:
         """The scene with the selected rays, as a PNG."""
-        from viewer.rendering import encode_png, picture
         from viewer.state import COLOR_RULES
 
         name, criterion = request.text("map"), request.criterion()
@@ -246,10 +249,21 @@ class Streams:
                 f"picture: {width} x {height} are more than the {request.limits.pixels} pixels "
                 "that this service paints"
             )
-        with self.gate.turn(), self.library.map(name) as ray_map:
-            text = None if criterion is None else str(criterion)
-            pixels = picture(ray_map, text, rays=rays, size=(width, height), color=color, view=view)
-            data = encode_png(pixels)
+        job = {
+            "folder": str(self.library.folder.root),
+            "paths": [str(path) for path in self.library.folder.map_paths(name)],
+            "criterion": None if criterion is None else str(criterion),
+            "options": {"rays": rays, "size": [width, height], "color": color, "view": view},
+        }
+        bounds = Bounds(
+            seconds=request.limits.search_seconds,
+            memory_bytes=request.limits.memory_bytes,
+            file_bytes=2**30,
+            threads=os.cpu_count() or 1,
+            option="--search-seconds",
+        )
+        with self.gate.turn():
+            data = read_png(self.workers.ask("picture", job, bounds, gone))
         batch = pa.record_batch([pa.array([data], pa.large_binary())], schema=_PICTURE)
         return Answer(_PICTURE, iter([batch]))
 

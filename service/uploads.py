@@ -10,18 +10,19 @@ from typing import Any
 
 from raymap.errors import MapExists, RayMapError
 from service.confine import ServedFolder
+from service.disk import Disk
 from service.requests import BadRequest, Request
 
 __all__ = ["KINDS", "take_file"]
 
 KINDS = (
-    ".toml", ".csv", ".stl", ".obj", ".ply", ".off", ".3mf", ".glb", ".gltf", ".step", ".stp",
+    ".toml", ".csv", ".stl", ".obj", ".ply", ".off", ".glb", ".gltf", ".step", ".stp",
     ".iges", ".igs", ".brep", ".zmx", ".seq", ".agf", ".ies", ".ldt", ".png", ".tm25ray", ".dat",
     ".sdf",
 )  # fmt: skip
 
 
-def take_file(request: Request, folder: ServedFolder, reader: Any) -> Path:
+def take_file(request: Request, folder: ServedFolder, disk: Disk, reader: Any) -> Path:
     """Write an uploaded file: all binary values of the stream's first column, one after the other.
 
     Raises
@@ -40,8 +41,9 @@ def take_file(request: Request, folder: ServedFolder, reader: Any) -> Path:
     beside = target.with_name(f".{target.name}.{secrets.token_hex(4)}")
     most, size = request.limits.upload_bytes, 0
     try:
+        disk.check("upload")
         target.parent.mkdir(parents=True, exist_ok=True)
-        with beside.open("xb") as file:
+        with disk.writing(beside, target, keeps=False), beside.open("xb") as file:
             for chunk in reader:
                 if chunk.data is None or not chunk.data.num_columns:
                     continue
@@ -53,8 +55,10 @@ def take_file(request: Request, folder: ServedFolder, reader: Any) -> Path:
                         raise RayMapError(
                             f"upload: {name!r} has more than the {most} bytes that are taken"
                         )
+                    disk.check("upload", len(value))
                     file.write(value)
-        os.replace(beside, target)
+            file.close()
+            os.replace(beside, target)
     except OSError as error:
         raise RayMapError(f"upload: {name!r} cannot be written: {error.strerror}") from None
     finally:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from raymap.compilecache import fingerprint, remove_old
+from raymap.compilecache import fingerprint, is_own, remove_old
 
 _ROOT = Path(__file__).resolve().parents[2]
 
@@ -216,3 +216,30 @@ def test_folders_out_of_use_are_removed(tmp_path):
         os.utime(tmp_path / f"compiled-{name}", (time.time() - 40 * day,) * 2)
     remove_old(own)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["compiled-own", "others"]
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="owners of files are a matter of POSIX")
+def test_code_of_others_is_not_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The folder holds pickles and machine code, so whoever writes to it runs code here."""
+    folder = tmp_path / "raymap" / "compiled-1"
+    (folder / "inner").mkdir(parents=True)
+    (folder / "inner" / "a.nbi").touch()
+    assert is_own(folder)
+    # Others lose the right to write
+    folder.chmod(0o777)
+    folder.parent.chmod(0o775)
+    assert is_own(folder)
+    assert not (folder.stat().st_mode | folder.parent.stat().st_mode) & 0o022
+    # A link is not followed, wherever it leads
+    link = tmp_path / "raymap" / "compiled-2"
+    link.symlink_to(folder)
+    assert not is_own(link)
+    (folder / "inner" / "b.nbi").symlink_to(folder / "inner" / "a.nbi")
+    assert not is_own(folder)
+    (folder / "inner" / "b.nbi").unlink()
+    assert is_own(folder)
+    # Of somebody else: the files, or all of it
+    mine = os.getuid()
+    monkeypatch.setattr(os, "getuid", lambda: mine + 1)
+    assert not is_own(folder)
+    assert not is_own(tmp_path / "none" / "compiled-3")

@@ -43,7 +43,7 @@ def start(folder: Path) -> Iterator[Starter]:
     running: list[tuple[RaymapService, threading.Thread]] = []
 
     def begin(**options: Any) -> RaymapService:
-        limits = options.pop("limits", Limits(turn_seconds=5, search_seconds=20))
+        limits = options.pop("limits", Limits(turn_seconds=5, search_seconds=60, spare_workers=0))
         options = {"threads": 1, "browser": False, **options}
         service = RaymapService(folder, TOKEN, limits=limits, **options)
         thread = threading.Thread(target=service.serve, daemon=True)

@@ -149,21 +149,16 @@ def test_scenes_that_reach_out(client: Service, folder: Path) -> None:
     (folder.parent / "secret.stl").write_text("solid secret")
     (folder / "link.stl").symlink_to(folder.parent / "secret.stl")
     text = (folder / "scene.toml").read_text()
-    for file in ("../secret.stl", "/etc/passwd", "link.stl", "~/x.stl", "sub/../../secret.stl"):
-        mesh = text.replace('kind = "sphere"\nradius = 2\n',
-                            f'kind = "mesh"\nfile = "{file}"\nscale = 1\n')  # fmt: skip
-        assert mesh != text
-        for asked in ({"text": mesh}, {"scene": "own.toml"}):
-            (folder / "own.toml").write_text(mesh)
-            with pytest.raises(RayMapError, match="outside the served folder"):
-                client.ask("scene", asked)
-        with pytest.raises(RayMapError, match="outside the served folder"):
-            client.record(None, "x.raymap", text=mesh, rays=10)
-        # Not by another name either
-        for name in ("own.TOML", "own.txt", "own"):
-            (folder / name).write_text(mesh)
-            with pytest.raises(RayMapError, match="outside the served folder"):
-                client.scene(name)
+    # Which paths and keys lead out, test_scene_files tries; here it is the way over the wire
+    mesh = text.replace('kind = "sphere"\nradius = 2\n',
+                        'kind = "mesh"\nfile = "link.stl"\nscale = 1\n')  # fmt: skip
+    assert mesh != text
+    for name in ("own.toml", "own"):
+        (folder / name).write_text(mesh)
+        with pytest.raises(RayMapError, match=r"'link\.stl' is outside the served folder"):
+            client.scene(name)
+    with pytest.raises(RayMapError, match="outside the served folder"):
+        client.record(None, "x.raymap", text=mesh, rays=10)
     assert not (folder / "x.raymap").exists()
     # Titles are no paths
     assert client.scene(text='title = "/etc/passwd"\n' + text).objects == ["ball"]
@@ -270,8 +265,6 @@ def test_folder_rules(tmp_path: Path) -> None:
     for name in (None, 3, "a/./../../b", "//host/share", "a:b", "."):
         with pytest.raises(OutsideFolder):
             served.path(name if name != "." else "..")
-    with pytest.raises(SceneError, match="nests"):
-        served.check_scene("a = " + "[" * 100 + "]" * 100, tmp_path, "scene")
 
 
 def test_command(folder: Path) -> None:

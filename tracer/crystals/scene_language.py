@@ -8,7 +8,6 @@ language knows is refused by name.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -34,6 +33,7 @@ from tracer.crystals.rhomb_body import RhombBody
 from tracer.crystals.rows import ISOTROPIC, KIND
 from tracer.geometry.bodies import BoxBody, MeshBody, PrismBody
 from tracer.geometry.body import Body
+from tracer.named_files import named_file
 from tracer.scene.fields import Node
 from tracer.scene.model import RGB_NM, MediumModel, Scene
 from tracer.scene.supported import refuse_weighting
@@ -252,7 +252,7 @@ def _body(scene: Scene, name: str, body: Body) -> CrystalBody:
         from tracer.geometry.mesh_files import load_mesh
 
         mesh = load_mesh(
-            Path(scene.folder) / body.file, name=name, scale=body.scale, faces="one",
+            named_file(scene.folder, body.file), name=name, scale=body.scale, faces="one",
             solid=True, flip=body.flip,
         )  # fmt: skip
         origin, frame = body.frame()

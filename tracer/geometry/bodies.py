@@ -20,6 +20,7 @@ from tracer.geometry.shapes import (
     Rectangle,
     SphereCap,
 )
+from tracer.named_files import named_file
 from tracer.scene.fields import Length, Positive
 
 if TYPE_CHECKING:
@@ -238,7 +239,7 @@ class MeshBody(Body):
         from tracer.geometry.mesh_files import load_mesh
 
         return load_mesh(
-            folder / self.file,
+            named_file(folder, self.file),
             name=name,
             scale=self.scale,
             faces=self.name_by,

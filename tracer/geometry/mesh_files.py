@@ -19,10 +19,14 @@ from tracer.geometry.mesh import (
     smooth_normals,
 )
 from tracer.geometry.mesh_scene import count_crossing_edges
+from tracer.named_files import named_file
 
 __all__ = ["FaceRule", "load_mesh"]
 
 FaceRule = Literal["one", "group", "color", "angle"]
+
+SUFFIXES = (".stl", ".obj", ".ply", ".off", ".gltf", ".glb")
+"""Archives and XML (3MF, COLLADA, ZAE, …), which trimesh would unpack too, are left out."""
 
 CROSSINGS_UP_TO = 300_000
 """Larger meshes are not searched for self-intersections when they are loaded."""
@@ -92,6 +96,23 @@ def load_mesh(
     return mesh
 
 
+class _Beside:
+    """Files that a mesh file names (buffers, materials): named by the scene through it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def get(self, name: str) -> bytes:
+        """The bytes of a file beside the mesh file."""
+        return named_file(self.folder, name.strip()).read_bytes()
+
+    __getitem__ = get
+
+    def keys(self) -> list[str]:
+        """No names: nothing is looked for that the mesh file does not name."""
+        return []
+
+
 def _read(
     file: Path, body: str
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], list[str], NDArray[np.uint8] | None]:
@@ -109,9 +130,14 @@ def _read(
         raise SceneError(
             f"mesh {body!r}: {file.name} holds solids, not triangles; name it in [cad_files]"
         )
+    if file.suffix.lower() not in SUFFIXES:
+        raise SceneError(
+            f"mesh {body!r}: {file.name} is of a kind that is not read; files may end in "
+            f"{', '.join(SUFFIXES)}"
+        )
     # What trimesh logs of files that it cannot read stands in our error
     logging.getLogger("trimesh").addHandler(logging.NullHandler())
-    options: dict[str, Any] = {"process": False}
+    options: dict[str, Any] = {"process": False, "resolver": _Beside(file.parent)}
     if file.suffix.lower() == ".obj":
         options |= {"split_objects": True, "split_groups": True}
     try:

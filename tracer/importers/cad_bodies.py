@@ -19,6 +19,7 @@ from tracer.geometry.bodies import MeshBody
 from tracer.geometry.body import Body, FacePlan
 from tracer.importers.step_read import CadSolid, clean_name, read_step
 from tracer.importers.step_shapes import Placement, shapes_of_face
+from tracer.named_files import named_file
 from tracer.scene.fields import Node, Placed, Positive
 
 if TYPE_CHECKING:
@@ -140,7 +141,7 @@ def merge_cad_file(
     SceneError
         where the file cannot be taken, a pattern matches no solid, or a name stands twice
     """
-    path = folder / model.file
+    path = named_file(folder, model.file)
     place = f"{origin}: cad_files.{name}"
     solids = read_step(path)
     names = [solid.name for solid in solids]

@@ -8,6 +8,7 @@ from typing import Any
 from raymap.errors import SceneError
 from tracer.importers.lens_scene import LENS_SUFFIXES, OTHER_LENS_FILES, import_lens
 from tracer.importers.toml_text import toml_text
+from tracer.named_files import named_file
 from tracer.scene.fields import Placed
 
 __all__ = ["SCENE_SUFFIXES", "LensFileModel", "merge_lens_file", "scene_text_of"]
@@ -51,7 +52,7 @@ def merge_lens_file(
         where the file cannot be taken, or a name stands twice
     """
     lens = import_lens(
-        folder / model.file,
+        named_file(folder, model.file),
         glasses=model.glasses,
         media=tree.get("media", {}),
         length_unit=tree.get("length_unit", "mm"),

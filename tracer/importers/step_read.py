@@ -17,11 +17,15 @@ from typing import Any
 from raymap.errors import SceneError
 from tracer.importers.occt import occt
 from tracer.importers.prescription import ImportWarning
+from tracer.named_files import is_guarded
 
 __all__ = ["STEP_SUFFIXES", "CadFace", "CadSolid", "clean_name", "explore", "read_step"]
 
 STEP_SUFFIXES = (".step", ".stp", ".p21")
 LARGEST_BYTES = 2 * 2**30
+
+_REFERENCES = (b"EXTERNAL_IDENTIFICATION_ASSIGNMENT", b"DOCUMENT_FILE", b"EXTERNALLY_DEFINED_ITEM")
+"""Entities of STEP through which a file refers to others (AP 203, 214 and 242)."""
 
 _WIDEST_GAP = 1e-2
 """Share of a solid's size by which the edges of a face may miss each other."""
@@ -74,7 +78,19 @@ def read_step(path: str | Path) -> tuple[CadSolid, ...]:
         raise SceneError(f"there is no CAD file {str(path)!r}; check the path") from None
     if status.st_size > LARGEST_BYTES:
         raise SceneError(f"{path.name}: is too large to read ({status.st_size:,} bytes)")
+    if is_guarded():
+        _refuse_references(path)
     return _read(str(path.resolve()), status.st_mtime_ns, status.st_size)
+
+
+def _refuse_references(path: Path) -> None:
+    """Refuse a file that names others, which OpenCASCADE opens by itself, wherever they lie."""
+    content = path.read_bytes().upper()
+    if any(word in content for word in _REFERENCES):
+        raise SceneError(
+            f"{path.name}: names other files, which are not followed here; export one STEP file "
+            "that holds all parts"
+        )
 
 
 @lru_cache(maxsize=16)

@@ -18,11 +18,13 @@ from raymap.colorimetry import decode_srgb
 from raymap.errors import MissingExtra, SceneError
 from tracer.crystals.load import Model, Number, Vector, checked, read_text
 from tracer.crystals.scene_language import bodies_of, world_of
+from tracer.named_files import named_file
 from tracer.render.camera import Camera
 from tracer.render.renderer import RenderScene
 from tracer.render.room import WALLS, Room, checker_board, uniform
 from tracer.render.spectra import visible_wavelengths
 from tracer.scene.load import parse_scene
+from tracer.scene.pictures import PICTURE_FORMATS
 from tracer.scene.supported import refuse_weighting
 
 __all__ = ["load_render_scene", "load_render_text"]
@@ -96,7 +98,7 @@ def _picture(path: Path) -> NDArray[np.float64]:
             f"wall picture {str(path)!r} needs pillow: pip install 'raymap[view]'"
         ) from error
     try:
-        with Image.open(path) as image:
+        with Image.open(path, formats=PICTURE_FORMATS) as image:
             pixels = np.asarray(image.convert("RGB"), np.float64) / 255.0
     except OSError as error:
         raise SceneError(f"wall picture {str(path)!r} cannot be read: {error}") from None
@@ -115,7 +117,7 @@ def _room(model: RoomModel, folder: Path) -> Room:
         if wall.color is not None:
             walls[name] = uniform(decode_srgb(wall.color))
         elif wall.picture is not None:
-            walls[name] = _picture(folder / wall.picture)
+            walls[name] = _picture(named_file(folder, wall.picture))
         elif wall.board is not None:
             axes = {"x": (1, 2), "y": (0, 2), "z": (0, 1)}.get(name[:1], (0, 1))
             walls[name] = checker_board(

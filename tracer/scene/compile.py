@@ -22,6 +22,7 @@ from raymap.directory import (
 from raymap.errors import SceneError
 from tracer.geometry.kinds import ANNULUS, CYLINDER, MESH, RECTANGLE, SPHERE
 from tracer.geometry.shape_columns import ShapeColumns
+from tracer.named_files import named_file
 from tracer.scene.arrays import (
     ABSORBER,
     DIELECTRIC,
@@ -321,7 +322,7 @@ def _scene_hash(scene: Scene) -> str:
     """Hash of geometry, media, surfaces, sources and detectors, with the files that they name."""
     parts = scene.model_dump(mode="json", include=set(_HASHED))
     parts["files"] = {
-        file: _file_hash(Path(scene.folder) / file)
+        file: _file_hash(named_file(scene.folder, file))
         for table in (scene.bodies, scene.sources)
         for item in table.values()
         if (file := getattr(item, "file", None)) is not None

@@ -10,10 +10,13 @@ from numpy.typing import NDArray
 
 from raymap.colorimetry import decode_srgb
 from raymap.errors import MissingExtra, SceneError
+from tracer.named_files import named_file
 
-__all__ = ["read_picture"]
+__all__ = ["PICTURE_FORMATS", "read_picture"]
 
 Array = NDArray[np.float64]
+PICTURE_FORMATS = ("PNG", "JPEG", "BMP", "GIF", "TIFF", "WEBP", "PPM", "TGA", "JPEG2000")
+"""Formats that are pixels alone; others (EPS, …) start programs that draw them."""
 
 
 def read_picture(folder: str | Path, file: str) -> Array:
@@ -29,7 +32,7 @@ def read_picture(folder: str | Path, file: str) -> Array:
     MissingExtra
         where the package that reads the format is not installed
     """
-    path = Path(folder) / file
+    path = named_file(folder, file)
     if not path.is_file():
         raise SceneError(f"there is no picture {str(path)!r}; paths start from the scene's folder")
     pixels = _read(path)
@@ -57,10 +60,12 @@ def _read(path: Path) -> NDArray[Any]:
         if suffix in (".tif", ".tiff"):
             import tifffile
 
-            return np.asarray(tifffile.imread(path))
+            # Formats within TIFF whose pictures are spread over files that the first one names
+            with tifffile.TiffFile(path, is_ome=False, is_mmstack=False, is_ndtiff=False) as tiff:
+                return np.asarray(tiff.series[0].asarray())
         from PIL import Image
 
-        with Image.open(path) as image:
+        with Image.open(path, formats=PICTURE_FORMATS) as image:
             if image.mode not in ("L", "RGB", "RGBA", "I;16"):
                 return np.asarray(image.convert("RGB"))
             return np.asarray(image)

@@ -21,6 +21,7 @@ from pydantic import (
 
 from raymap.errors import SceneError
 from tracer.light import IntensityGrid, RayList
+from tracer.named_files import named_file
 from tracer.scene.fields import ByWavelength, Node, Placed, Positive, Vector, is_direction
 from tracer.scene.spectra import SpectrumModel
 
@@ -250,15 +251,13 @@ class SourceModel(Placed):
         SceneError
             naming ``place`` where the file or table makes no such source
         """
-        from pathlib import Path
-
         from tracer.light import read_light
 
         try:
             if self.intensity is not None:
                 light: IntensityGrid | RayList = self.intensity.build("intensity")
             elif self.file is not None:
-                light = read_light(Path(folder) / self.file, flux_from=self.flux_from)
+                light = read_light(named_file(folder, self.file), flux_from=self.flux_from)
             else:
                 assert self.light is not None
                 light = self.light

@@ -1,0 +1,261 @@
+"""Requests that cost the service more than the client: each is bounded, and the next is served."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import time
+from pathlib import Path
+from typing import Any
+
+import pyarrow.flight as flight
+import pytest
+
+import raymap
+from raymap.errors import RayMapError
+from service import Limits
+from service.disk import Disk
+from service.front import Frames, Refused, Sieve, Streams, Total
+from service.limits import Busy, OutOfTime, Shares
+from service.results import check_done, check_progress, check_scene, read_png
+from service.workers import Bounds, Workers
+from tests.service.conftest import TOKEN, Starter
+
+PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n"
+
+
+def frame(kind: int, flags: int, stream: int, payload: bytes = b"") -> bytes:
+    """A frame of RFC 9113, section 4.1."""
+    return len(payload).to_bytes(3, "big") + bytes([kind, flags]) + stream.to_bytes(4, "big") + (
+        payload
+    )  # fmt: skip
+
+
+def message(size: int, sent: int, flag: int = 0) -> bytes:
+    """The beginning of a gRPC message: flag, length, some of its bytes."""
+    return bytes([flag]) + size.to_bytes(4, "big") + b"x" * sent
+
+
+def test_frames_in_any_pieces() -> None:
+    data = frame(1, 4, 1, b"abc") + frame(0, 0, 1, b"x" * 300) + frame(4, 0, 0) + frame(0, 1, 1)
+    for step in (1, 2, 7, 9, 10, 1000):
+        frames, found = Frames(), []
+        for at in range(0, len(data), step):
+            found += frames.take(data[at : at + step])
+        assert frames.at_boundary
+        whole: list[tuple[Any, ...]] = []
+        payload = b""
+        for kind, flags, stream, part, last in found:
+            payload += part
+            if last:
+                whole.append((kind, flags, stream, payload))
+                payload = b""
+        assert whole == [
+            (1, 4, 1, b"abc"), (0, 0, 1, b"x" * 300), (4, 0, 0, b""), (0, 1, 1, b""),
+        ]  # fmt: skip
+
+
+def test_messages_are_judged_by_their_first_bytes() -> None:
+    def sieve(**options: Any) -> Sieve:
+        made = Sieve(Streams(options.pop("streams", 4)), 1000, options.pop("total", Total(2500)))
+        made.take(PREFACE)
+        return made
+
+    with pytest.raises(Refused, match="no gRPC"):
+        Sieve(Streams(4), 1000, Total(1)).take(b"GET / HTTP/1.1\r\n\r\n")
+    with pytest.raises(Refused, match="1001 bytes; at most 1000"):
+        sieve().take(frame(1, 4, 1) + frame(0, 0, 1, message(1001, 0)))
+    with pytest.raises(Refused, match="compressed"):
+        sieve().take(frame(1, 4, 1) + frame(0, 0, 1, message(10, 0, flag=1)))
+    with pytest.raises(Refused, match="more than 4 requests"):
+        sieve().take(b"".join(frame(1, 4, stream) for stream in (1, 3, 5, 7, 9)))
+    # Unfinished messages of all connections count together, until they are whole or given up
+    total = Total(2500)
+    one, other = sieve(total=total), sieve(total=total)
+    one.take(frame(1, 4, 1) + frame(0, 0, 1, message(1000, 1)))
+    other.take(frame(1, 4, 1) + frame(0, 0, 1, message(1000, 1)))
+    with pytest.raises(Refused, match="too many large messages"):
+        other.take(frame(1, 4, 3) + frame(0, 0, 3, message(1000, 1)))
+    other.close()
+    assert total.taken == 1000
+    one.take(frame(0, 0, 1, b"x" * 999))
+    assert total.taken == 0
+    # Several messages of one stream, an end, and a new one
+    for number in range(100):
+        stream = 2 * number + 3
+        one.take(frame(1, 4, stream) + frame(0, 1, stream, message(600, 600) + message(10, 10)))
+        one.streams.end(stream, "server")
+    assert total.taken == 0
+    assert list(one.streams.opened) == [1]
+
+
+def unread(address: str, data: bytes) -> bytes:
+    """What a connection says to some bytes before it is closed."""
+    host, _, port = address.removeprefix("grpc://").rpartition(":")
+    with socket.create_connection((host, int(port)), timeout=20) as raw:
+        said = b""
+        try:
+            raw.sendall(data)
+            while part := raw.recv(65536):
+                said += part
+        except ConnectionError:
+            pass
+        return said
+
+
+def test_large_messages_without_a_token(start: Starter) -> None:
+    """Refused by the five bytes before a message: what follows is never taken in."""
+    service = start()
+    begun = PREFACE + frame(4, 0, 0) + frame(1, 4, 1, b"") + frame(0, 0, 1, message(600_000_000, 0))
+    said = unread(service.address, begun)
+    assert b"at most 8388608 are taken" in said
+    with flight.connect(service.address) as plain, pytest.raises(flight.FlightError) as refused:
+        list(plain.do_action(flight.Action("hello", b" " * 20_000_000)))
+    assert isinstance(refused.value, flight.FlightUnavailableError | flight.FlightError)
+    with raymap.connect(service.address, token=TOKEN) as client:
+        assert client.files()
+
+
+def test_connections_that_say_nothing(start: Starter) -> None:
+    service = start(limits=Limits(connections=3, spare_workers=0))
+    host, port = "localhost", int(service.address.rpartition(":")[2])
+    silent = [socket.create_connection((host, port)) for _ in range(12)]
+    try:
+        with raymap.connect(service.address, token=TOKEN) as client:
+            assert client.open("small.raymap").query().matched > 0
+    finally:
+        for each in silent:
+            each.close()
+    assert unread(service.address, b"GET / HTTP/1.1\r\n\r\n" * 3) is not None
+
+
+def test_a_reader_that_does_not_read(start: Starter) -> None:
+    service = start(limits=Limits(stall_seconds=0.5, streams=2, client_streams=1, spare_workers=0))
+    # HTTP/2 with a window for the connection and the stream as large as they can be, as a client
+    # says that takes everything, and does not
+    with raymap.connect(service.address, token=TOKEN) as client:
+        first = client.stream("rays", {"map": "small.raymap"})
+        assert first.schema
+        first.read_all()
+    shares = Shares(3, 2, "streams")
+    with shares.one("a"), shares.one("a"), shares.one("b"):
+        with pytest.raises(Busy, match="2 streams of yours"), shares.one("a"):
+            pass
+        with pytest.raises(Busy, match="3 streams are under way"), shares.one("b"):
+            pass
+    with shares.one("a"):
+        pass
+
+
+def test_disk_quota(tmp_path: Path) -> None:
+    disk = Disk(tmp_path, Limits(disk_bytes=10_000, spare_bytes=0))
+    target = tmp_path / "a"
+    with disk.writing(target, target, keeps=False):
+        target.write_bytes(b"x" * 6000)
+        assert disk.room() == 4000
+    assert disk.room() == 4000
+    with disk.writing(target, target, keeps=True):
+        target.write_bytes(b"x" * 7000)
+        assert disk.room() == 3000
+    # Written over, the old bytes no longer count
+    beside = tmp_path / "beside"
+    with disk.writing(beside, target, keeps=False):
+        beside.write_bytes(b"x" * 5000)
+        beside.replace(target)
+    assert disk.room() == 5000
+    with pytest.raises(RayMapError, match="no room"):
+        disk.check("upload", 5001)
+    # Empty files are not free
+    for name in ("b", "c"):
+        with disk.writing(tmp_path / name, tmp_path / name, keeps=False):
+            (tmp_path / name).touch()
+    with pytest.raises(RayMapError, match="no room"):
+        disk.check("upload")
+    # What the owner put there before does not count, what is added to it does
+    owners = tmp_path / "owner"
+    owners.write_bytes(b"x" * 50_000)
+    other = Disk(tmp_path, Limits(disk_bytes=10_000, spare_bytes=0))
+    for size in (55_000, 56_000):
+        with other.writing(owners, owners, keeps=True):
+            owners.write_bytes(b"x" * size)
+        assert other.room() == 60_000 - size
+    assert Disk(tmp_path, Limits(spare_bytes=2**62)).room() < 0
+
+
+def test_uploads_within_the_quota(start: Starter, folder: Path) -> None:
+    service = start(limits=Limits(disk_bytes=1_000_000, spare_workers=0))
+    with raymap.connect(service.address, token=TOKEN) as client:
+        client.upload_text("x" * 600_000, "a.stl")
+        with pytest.raises(RayMapError, match="there is no room"):
+            client.upload_text("x" * 600_000, "b.stl")
+        client.upload_text("x" * 700_000, "a.stl", force=True)
+    assert sorted(path.name for path in folder.glob("*.stl")) == ["a.stl"]
+    assert not list(folder.glob(".*"))
+
+
+def bounds(**options: Any) -> Bounds:
+    given = {"seconds": 60.0, "memory_bytes": 2**33, "file_bytes": 2**28, "threads": 1,
+             "option": "--scene-seconds", **options}  # fmt: skip
+    return Bounds(**given)
+
+
+def job(folder: Path, text: str) -> dict[str, Any]:
+    return {
+        "folder": str(folder), "scene": None, "text": text, "scene_files_bytes": 2**30,
+        "selected": {"variants": [], "simulation": None},
+    }  # fmt: skip
+
+
+def test_workers_end_in_time_and_with_their_client(folder: Path) -> None:
+    workers = Workers(spares=False)
+    asked = job(folder, (folder / "scene.toml").read_text())
+    began = time.monotonic()
+    with pytest.raises(OutOfTime, match=r"0\.2 s that this service allows"):
+        workers.ask("scene", asked, bounds(seconds=0.2), lambda: False)
+    with pytest.raises(OutOfTime, match="the client has gone"):
+        workers.ask("scene", asked, bounds(), lambda: True)
+    assert time.monotonic() - began < 50
+    with pytest.raises(RayMapError, match="16 MiB of memory"):
+        workers.ask("scene", asked, bounds(memory_bytes=2**24), lambda: False)
+    with pytest.raises(RayMapError, match=r"no scene file 'none\.toml'"):
+        workers.ask("scene", {**asked, "scene": "none.toml"}, bounds(), lambda: False)
+
+
+def test_answers_of_workers_are_checked() -> None:
+    for check in (check_done, check_progress, check_scene):
+        for told in (None, {}, [], {"rays": -1}, {"rays": "1"}):
+            with pytest.raises(RayMapError, match="nonsense"):
+                check(told)
+    for told in (None, {}, {"png": 3}, {"png": "####"}, {"png": "AAAA"}):
+        with pytest.raises(RayMapError, match="no picture"):
+            read_png(told)
+
+
+def test_a_recording_stopped_by_the_quota_is_a_valid_map(start: Starter, folder: Path) -> None:
+    service = start(limits=Limits(disk_bytes=3_000_000, end_seconds=60, spare_workers=0))
+    with raymap.connect(service.address, token=TOKEN) as client:
+        done = None
+        # Which of the two bounds comes first, the watch or the system, is chance
+        with contextlib.suppress(RayMapError):
+            done = client.record("scene.toml", "long.raymap", rays=10**8, seed=3)
+        assert done is None or done.interrupted
+    with raymap.open(folder / "long.raymap", on_damage="skip") as found:
+        assert found.rays > 0
+        assert (folder / "long.raymap").stat().st_size <= 3_100_000
+
+
+def test_a_recording_ended_by_force_is_a_valid_map(folder: Path) -> None:
+    """Where it does not end when it is asked to, what it has written by then stays."""
+    target = folder / "long.raymap"
+    asked = {
+        **job(folder, (folder / "scene.toml").read_text()), "map": str(target), "threads": 1,
+        "options": {"rays": 10**10, "seconds": None, "seed": 1, "append": False, "force": False},
+    }  # fmt: skip
+
+    def gone() -> bool:
+        return target.exists() and target.stat().st_size > 1_000_000
+
+    with pytest.raises(OutOfTime, match="the client has gone"):
+        list(Workers(spares=False).run("record", asked, bounds(end_seconds=0.0), gone))
+    with raymap.open(target, on_damage="skip") as found:
+        assert found.rays > 0
