@@ -274,7 +274,7 @@ def ghost_table(
         return products, scan
 
     faces = map.directory.faces
-    n_faces = len(faces.names)
+    n_faces = len(faces)
     passing = np.array([*(surface.transmits for surface in map.directory.surfaces), True])
     counted = np.append(passing[faces.surface], True)
     products, scan = among(_ghosts(reflections))
@@ -332,7 +332,7 @@ def _table(
     others: dict[int, int],
 ) -> GhostTable:
     directory = map.directory
-    names = (*directory.faces.names, *(item.name for item in directory.objects))
+    names = (*directory.faces.names, *directory.object_columns.names)
     source, sequence = chains[:, 0], chains[:, 1:]
     # The same faces lit by several sources are one row
     used, row = np.unique(sequence, axis=0, return_inverse=True)

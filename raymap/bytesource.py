@@ -20,9 +20,11 @@ class ByteSource(Protocol):
     Attributes
     ----------
     bytes_read : fetched so far
+    distant : each read costs a request
     """
 
     bytes_read: int
+    distant: bool
 
     @property
     def size(self) -> int:
@@ -36,6 +38,9 @@ class ByteSource(Protocol):
         FormatError
             They cannot be fetched.
         """
+
+    def prefetch(self, start: int) -> None:
+        """Fetch all from ``start`` to the end at once, as it will be read piece by piece."""
 
     def close(self) -> None:
         """Let go of the file."""
@@ -58,6 +63,8 @@ def open_bytes(place: Path | Address) -> ByteSource:
 
 class LocalBytes:
     """A file of this machine; reads do not move a shared position."""
+
+    distant = False
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -95,6 +102,9 @@ class LocalBytes:
         with self._lock:
             self.bytes_read += len(data)
         return data
+
+    def prefetch(self, start: int) -> None:
+        pass
 
     def close(self) -> None:
         with self._lock:

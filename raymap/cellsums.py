@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.kernels import lean_kernel
-from raymap.schema import CELLS_FLOOR, CELLS_PER_BYTE, COLOR_SCALE, affordable
+from raymap.limits import CELLS_FLOOR, CELLS_PER_BYTE, affordable
+from raymap.schema import COLOR_SCALE
 from raymap.stored import StoredPortion
 
 __all__ = ["add_meetings", "count_meetings"]

@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 from raymap.directory import ChannelSet, Directory
 from raymap.errors import InvalidPortion, LimitExceeded
 from raymap.events import ENDINGS, Event
+from raymap.limits import MAX_DESCRIPTORS, MAX_EXTRA_NAME, MAX_RAY, MAX_RECORDS
 from raymap.portion import Portion
-from raymap.schema import COLOR_SCALE, PORTION_MAX_RECORDS
+from raymap.schema import COLOR_SCALE
+from raymap.streams import is_known_type
 
 __all__ = ["check_portion"]
 
@@ -35,8 +37,10 @@ def check_portion(portion: Portion, directory: Directory, channel_set: ChannelSe
 
 def _check_shapes(portion: Portion, directory: Directory, channel_set: ChannelSet) -> None:
     n, m, k = portion.n_rays, portion.n_records, len(portion.descriptors.detector)
-    if m > PORTION_MAX_RECORDS:
-        raise LimitExceeded(f"a portion holds at most {PORTION_MAX_RECORDS} records, got {m}")
+    if m > MAX_RECORDS:
+        raise LimitExceeded(f"a portion holds at most {MAX_RECORDS} records, got {m}")
+    if k > MAX_DESCRIPTORS:
+        raise LimitExceeded(f"a portion holds at most {MAX_DESCRIPTORS} descriptors, got {k}")
     descriptors = portion.descriptors
     expected: list[tuple[str, NDArray[Any] | None, tuple[int, ...], Any]] = [
         ("emitted", portion.emitted, (len(directory.sources),), np.int64),
@@ -80,10 +84,17 @@ def _check_shapes(portion: Portion, directory: Directory, channel_set: ChannelSe
     if int(portion.descriptor_count.sum(dtype=np.int64)) != k:
         raise InvalidPortion(f"descriptor_count adds up to another number than {k} descriptors")
     for name, column in portion.extra.items():
-        if len(column) not in (n, m) or column.dtype.kind not in "iufbc":
-            raise InvalidPortion(f"extra column {name!r} has {len(column)} rows, not {n} or {m}")
-        if not 0 < len(name.encode()) <= 30 or "\0" in name:
-            raise InvalidPortion(f"extra column {name!r}: names have 1 to 30 bytes")
+        if column.ndim not in (1, 2) or len(column) not in (n, m):
+            raise InvalidPortion(
+                f"extra column {name!r} has the shape {column.shape}: it needs {n} or {m} rows, of "
+                "one element each or of several"
+            )
+        if column.ndim == 2 and not 0 < column.shape[1] < 2**32:
+            raise InvalidPortion(f"extra column {name!r} has rows of no elements")
+        if not is_known_type(column.dtype):
+            raise InvalidPortion(f"extra column {name!r}: the format has no {column.dtype}")
+        if not 0 < len(name.encode()) <= MAX_EXTRA_NAME or "\0" in name:
+            raise InvalidPortion(f"extra column {name!r}: names have 1 to {MAX_EXTRA_NAME} bytes")
 
 
 def _check_indices(portion: Portion, directory: Directory) -> None:
@@ -106,6 +117,8 @@ def _check_indices(portion: Portion, directory: Directory) -> None:
         raise InvalidPortion(f"descriptor {row} names a cell that its detector does not have")
     if (portion.emitted < 0).any():
         raise InvalidPortion("emitted counts are negative")
+    if (portion.emitted >= MAX_RAY).any():
+        raise LimitExceeded(f"emitted counts stay below {MAX_RAY}")
 
 
 def _check_events(portion: Portion) -> None:
@@ -148,6 +161,9 @@ def _check_rays(portion: Portion) -> None:
         raise InvalidPortion("ray numbers are negative")
     if ids is not None and (np.diff(ids) <= 0).any():
         raise InvalidPortion("ray_ids do not increase strictly")
+    last = portion.first_ray + portion.n_rays if ids is None or not len(ids) else int(ids[-1])
+    if last >= MAX_RAY:
+        raise LimitExceeded(f"ray numbers stay below {MAX_RAY}, got {last}")
     weight = portion.weight
     if weight is not None and not (np.isfinite(weight) & (weight >= 0)).all():
         raise InvalidPortion("weights are negative or not finite")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -17,32 +18,37 @@ from raymap.layout import (
     CHUNK_HEADER_SIZE,
     FILE_HEADER_SIZE,
     MAGIC,
+    READABLE,
     TAG_PREFIX,
-    VERSION,
+    TAIL_MAGIC,
     ChunkHeader,
     StreamEntry,
     header_size,
     parse_chunk_header,
 )
-from raymap.schema import JSON_FLOOR, JSON_PER_BYTE, affordable
+from raymap.limits import JSON_FLOOR, JSON_PER_BYTE, MAX_JSON, affordable, may_expand, surplus
 from raymap.streams import decode_bytes, decode_column
 
-__all__ = ["Chunk", "Gap", "MapFile"]
+__all__ = ["Chunk", "ChunkColumns", "Gap", "MapFile"]
 
 _SEARCH_BLOCK = 2**20
 _READ_AHEAD = 8192
-MAX_EMPTY_STREAM = 2**27
-MAX_EMPTY_CHUNK = 2**30
-MAX_RATIO = 256
-"""What streams may expand to: this much in any case, else this many times the stored bytes."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Chunk:
     """A complete chunk whose header is sound."""
 
     offset: int
     header: ChunkHeader
+
+    @cached_property
+    def by_name(self) -> dict[str, list[StreamEntry]]:
+        """Its streams by name, in the order of the table."""
+        table: dict[str, list[StreamEntry]] = {}
+        for entry in self.header.streams:
+            table.setdefault(entry.name, []).append(entry)
+        return table
 
     @property
     def tag(self) -> bytes:
@@ -51,6 +57,29 @@ class Chunk:
     @property
     def end(self) -> int:
         return self.offset + self.header.size
+
+
+@dataclass(frozen=True)
+class ChunkColumns:
+    """The columns of a chunk whose names begin with a prefix."""
+
+    file: MapFile
+    chunk: Chunk
+    prefix: str = ""
+
+    def text(self, name: str) -> bytes | None:
+        """Opaque bytes; None where there are none."""
+        if self.prefix + name not in self.chunk.by_name:
+            return None
+        return self.file.text_of(self.chunk, self.prefix + name)
+
+    def column(
+        self, name: str, rows: int | None, dtype: Any, *, matrix: bool = False
+    ) -> NDArray[Any]:
+        """A column of numbers; one that is not there has no rows."""
+        if rows is None and self.prefix + name not in self.chunk.by_name:
+            rows = 0
+        return self.file.column(self.chunk, self.prefix + name, rows, dtype, matrix=matrix)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,13 +92,21 @@ class Gap:
 
 
 class MapFile:
-    """An open map; reads do not move a shared position and may run on many threads."""
+    """An open map; reads do not move a shared position and may run on many threads.
+
+    Attributes
+    ----------
+    major : version of the format; 0 of a file far away whose beginning was not read yet, as its end
+        says that it is a map
+    """
 
     def __init__(self, path: Path | Address) -> None:
         self.path = path
         self.bytes = open_bytes(path)
+        self.major = 0
         try:
-            self._check_magic()
+            if not self.bytes.distant or self._tail() != TAIL_MAGIC:
+                self.check_magic()
         except (NotARayMap, UnsupportedVersion):
             self.close()
             raise
@@ -95,15 +132,20 @@ class MapFile:
         """Exactly ``length`` bytes, fewer only at the end of the file."""
         return self.bytes.read(offset, length)
 
-    def chunk_at(self, offset: int, size: int) -> Chunk:
+    def chunk_at(self, offset: int, size: int, head_size: int = 0) -> Chunk:
         """The chunk at an offset of a file of the given size.
+
+        Parameters
+        ----------
+        head_size : of header, meta block and stream table, 0 where that is not known
 
         Raises
         ------
         FormatError
             There is no sound chunk header, or the chunk is longer than the file.
         """
-        data = self.read(offset, min(_READ_AHEAD, max(0, size - offset)))
+        wanted = max(head_size, CHUNK_HEADER_SIZE) if head_size else _READ_AHEAD
+        data = self.read(offset, min(wanted, max(0, size - offset)))
         if len(data) < CHUNK_HEADER_SIZE:
             raise FormatError("chunk header is cut off")
         if not data.startswith(TAG_PREFIX):
@@ -159,22 +201,27 @@ class MapFile:
         FormatError
             It is damaged, or longer than the file can pay for.
         """
-        entries = [entry for entry in chunk.header.streams if entry.name == name]
+        entries = chunk.by_name.get(name, [])
         if len(entries) != 1:
             raise FormatError(f"chunk at byte {chunk.offset} has no stream {name!r}")
-        limit = affordable(self.size, JSON_FLOOR, JSON_PER_BYTE)
+        limit = min(MAX_JSON, affordable(chunk.end, JSON_FLOOR, JSON_PER_BYTE))
         if entries[0].raw_size > limit:
             raise FormatError(
                 f"chunk at byte {chunk.offset} holds a text of {entries[0].raw_size} bytes; a file "
-                f"of {self.size} bytes may hold {limit}"
+                f"of {chunk.end} bytes may hold {limit}"
             )
         return bytes(decode_bytes(entries[0], self.stored(chunk, entries[0])))
 
     def column(
         self, chunk: Chunk, name: str, rows: int | None, dtype: Any, *, matrix: bool = False
     ) -> NDArray[Any]:
-        """A column of a chunk, checked and decoded, as the expected type."""
-        entries = [entry for entry in chunk.header.streams if entry.name == name]
+        """A column of a chunk, checked and decoded, as the expected type.
+
+        A column that is not there has no rows; where ``rows`` is None it must be there.
+        """
+        entries = chunk.by_name.get(name, [])
+        if not entries and rows == 0:
+            return np.empty(0, dtype)
         if not entries:
             raise FormatError(f"chunk at byte {chunk.offset} has no stream {name!r}")
         column = decode_column(entries, lambda entry: self.stored(chunk, entry), rows)
@@ -187,26 +234,45 @@ class MapFile:
             return column.astype(wanted)
         raise FormatError(f"stream {name!r} holds {column.dtype}, expected {wanted}")
 
-    def _check_magic(self) -> None:
+    def _tail(self) -> bytes:
+        size = self.bytes.size
+        return self.read(max(0, size - len(TAIL_MAGIC)), len(TAIL_MAGIC))
+
+    def check_magic(self) -> None:
+        """Check what the file begins with, and take its version from there.
+
+        Raises
+        ------
+        NotARayMap, UnsupportedVersion
+        """
         head = self.read(0, FILE_HEADER_SIZE)
         if len(head) < FILE_HEADER_SIZE or not head.startswith(MAGIC):
             raise NotARayMap(_wrong_magic(self.path, head))
         major = int.from_bytes(head[12:14], "little")
-        if major != VERSION[0]:
+        self.take_version(major)
+
+    def take_version(self, major: int) -> None:
+        """Read on as a file of this version.
+
+        Raises
+        ------
+        UnsupportedVersion
+        """
+        if major not in READABLE:
             raise UnsupportedVersion(
-                f"{self.path} has format version {major}, this program reads version {VERSION[0]}: "
-                "install a newer Raymap"
+                f"{self.path} has format version {major}, this program reads versions "
+                f"{READABLE[0]} to {READABLE[-1]}: install a newer Raymap"
             )
+        self.major = major
 
 
 def _check_expansion(header: ChunkHeader) -> None:
     """Refuse chunks that declare far more bytes than they can honestly hold."""
-    raw = 0
     for entry in header.streams:
-        raw += entry.raw_size
-        if entry.raw_size > max(MAX_EMPTY_STREAM, MAX_RATIO * entry.stored_size):
+        if not may_expand(entry.raw_size, entry.stored_size):
             raise FormatError(f"stream {entry.name!r} declares {entry.raw_size} bytes")
-    if raw > max(MAX_EMPTY_CHUNK, MAX_RATIO * header.size):
+    if surplus(((e.raw_size, e.stored_size) for e in header.streams), header.size):
+        raw = sum(entry.raw_size for entry in header.streams)
         raise FormatError(f"chunk of {header.size} bytes declares {raw} bytes of streams")
 
 

@@ -2,101 +2,104 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 from pydantic import ValidationError
 
-from raymap.chunks import Chunk, MapFile
+from raymap.chunks import Chunk, ChunkColumns, MapFile
 from raymap.directory import ChannelSet, Directory, DisplayMesh
 from raymap.errors import FormatError, LimitExceeded
-from raymap.layout import CHANNELS, DIRECTORY, RUN, pack_chunk_header
-from raymap.schema import TABLE_FLOOR, TABLE_PER_BYTE, affordable
+from raymap.jsontext import parse_json, whole_number, write_json
+from raymap.layout import CHANNELS, DIRECTORY, RUN
+from raymap.meshstreams import add_meshes, meshes_of_version_1, read_meshes
+from raymap.objectstreams import add_objects, read_objects
+from raymap.sceneobjects import SceneObjects
 from raymap.streams import StreamSet
 
 __all__ = [
+    "directory_streams",
     "pack_channel_set",
     "pack_directory",
     "pack_run",
     "parse_channel_set",
     "read_channel_set",
     "read_directory",
-    "read_mesh",
+    "read_display_meshes",
     "read_run",
+    "run_of",
 ]
 
 
-def check_primitives(directory: Directory, stored: int) -> None:
-    """Refuse more primitives than a directory of ``stored`` bytes can pay a table of quadrics for.
+def directory_streams(directory: Directory) -> StreamSet:
+    """Everything that a directory says, without display meshes.
 
     Raises
     ------
     LimitExceeded
+        It says more than can be read again.
     """
-    n = directory.n_in_table
-    limit = affordable(stored, TABLE_FLOOR, TABLE_PER_BYTE)
-    if n > limit:
-        raise LimitExceeded(
-            f"faces have a quadric for each of several primitives, among {n} primitives in all; a "
-            f"directory of {stored} bytes may have {limit}"
-        )
+    streams = StreamSet()
+    described = directory.model_dump(exclude_defaults=True, exclude={"objects"})
+    text = write_json(described, "the directory")
+    try:
+        again = parse_json(text, dict, "directory")
+        Directory.model_validate({**again, "objects": directory.objects})
+    except ValidationError as error:
+        raise LimitExceeded(f"the directory cannot be read again: {_first(error)}") from None
+    streams.add_bytes("json", text)
+    add_objects(streams, directory.object_columns)
+    return streams
 
 
 def pack_directory(directory: Directory, meshes: Mapping[int, DisplayMesh]) -> list[Any]:
-    """The directory chunk as buffers."""
-    streams = StreamSet()
-    streams.add_bytes("json", directory.model_dump_json(exclude_defaults=True).encode())
-    for number, mesh in sorted(meshes.items()):
-        streams.add(f"mesh.{number}.vertices", np.asarray(mesh.vertices, np.float32))
-        streams.add(f"mesh.{number}.triangles", np.asarray(mesh.triangles, np.int32))
-        streams.add(f"mesh.{number}.face", np.asarray(mesh.face, np.int32))
-    packed = [pack_chunk_header(DIRECTORY, b"", streams.entries), *streams.buffers]
-    check_primitives(directory, sum(len(buffer) for buffer in packed))
-    return packed
+    """The directory chunk as buffers.
+
+    Raises
+    ------
+    LimitExceeded
+        It says more than can be read again, or a display mesh is not sound.
+    """
+    streams = directory_streams(directory)
+    add_meshes(streams, meshes, len(directory.objects))
+    return streams.chunk(DIRECTORY)
 
 
-def read_directory(file: MapFile, chunk: Chunk) -> tuple[Directory, list[int]]:
-    """The directory and the objects that have a display mesh."""
-    data = file.text_of(chunk)
+def read_directory(file: MapFile, chunk: Chunk, prefix: str = "") -> Directory:
+    """The directory, or the copy of it whose streams have a prefix.
+
+    Raises
+    ------
+    FormatError
+        It is damaged or contradicts itself.
+    """
+    data = file.text_of(chunk, f"{prefix}json")
     try:
-        directory = Directory.model_validate_json(data)
+        if file.major == 1 and not prefix:
+            return Directory.model_validate_json(data)
+        described = parse_json(data, dict, "directory")
+        objects = SceneObjects(read_objects(ChunkColumns(file, chunk, prefix)))
+        return Directory.model_validate({**described, "objects": objects})
     except ValidationError as error:
         raise FormatError(f"directory is not sound: {_first(error)}") from None
-    try:
-        check_primitives(directory, chunk.header.size)
-    except LimitExceeded as error:
-        raise FormatError(str(error)) from None
-    with_mesh = set()
-    for entry in chunk.header.streams:
-        parts = entry.name.split(".")
-        if parts[0] == "mesh" and len(parts) == 3 and parts[1].isdigit():
-            with_mesh.add(int(parts[1]))
-    return directory, sorted(with_mesh)
 
 
-def read_mesh(file: MapFile, chunk: Chunk, number: int) -> DisplayMesh:
-    """The display mesh of one object."""
-    vertices = file.column(chunk, f"mesh.{number}.vertices", None, np.float32, matrix=True)
-    triangles = file.column(chunk, f"mesh.{number}.triangles", None, np.int32, matrix=True)
-    face = file.column(chunk, f"mesh.{number}.face", None, np.int32)
-    sound = not len(triangles) or (
-        vertices.reshape(len(vertices), -1).shape[1] == 3
-        and triangles.reshape(len(triangles), -1).shape[1] == 3
-        and len(face) == len(triangles)
-        and 0 <= int(triangles.min()) <= int(triangles.max()) < len(vertices)
-    )
-    if not sound:
-        raise FormatError(f"display mesh of object {number} is not sound")
-    return DisplayMesh(
-        vertices=vertices.reshape(-1, 3), triangles=triangles.reshape(-1, 3), face=face
-    )
+def read_display_meshes(file: MapFile, chunk: Chunk, n_objects: int) -> dict[int, DisplayMesh]:
+    """The display meshes by object.
+
+    Raises
+    ------
+    FormatError
+        They are damaged or contradict each other.
+    """
+    if file.major == 1:
+        return meshes_of_version_1(file, chunk, n_objects)
+    return read_meshes(ChunkColumns(file, chunk), n_objects)
 
 
 def pack_channel_set(channel_set: ChannelSet) -> list[Any]:
     """A channel set chunk as buffers."""
-    return _pack_json(CHANNELS, channel_set.model_dump_json(exclude_defaults=True))
+    return _pack_json(CHANNELS, channel_set.model_dump(exclude_defaults=True), "a channel set")
 
 
 def read_channel_set(file: MapFile, chunk: Chunk) -> ChannelSet:
@@ -116,21 +119,27 @@ def parse_channel_set(data: bytes | dict[str, Any]) -> ChannelSet:
 
 def pack_run(run: Mapping[str, Any]) -> list[Any]:
     """A run chunk as buffers."""
-    return _pack_json(RUN, json.dumps(run))
+    return _pack_json(RUN, dict(run), "the description of a run")
 
 
 def read_run(file: MapFile, chunk: Chunk) -> dict[str, Any]:
     """What a run chunk says."""
-    try:
-        return dict(json.loads(file.text_of(chunk)))
-    except (ValueError, TypeError, RecursionError):
-        raise FormatError("a run's description is no JSON object") from None
+    return run_of(parse_json(file.text_of(chunk), dict, "a run"))
 
 
-def _pack_json(tag: bytes, text: str) -> list[Any]:
+def run_of(values: Mapping[str, Any]) -> dict[str, Any]:
+    """A run from JSON values: the numbers that count in it as numbers."""
+    counts = {key: whole_number(values[key]) for key in _COUNTED if key in values}
+    return {**values, **counts}
+
+
+_COUNTED = ("seed", "first_portion", "first_ray")
+
+
+def _pack_json(tag: bytes, values: Any, what: str) -> list[Any]:
     streams = StreamSet()
-    streams.add_bytes("json", text.encode())
-    return [pack_chunk_header(tag, b"", streams.entries), *streams.buffers]
+    streams.add_bytes("json", write_json(values, what))
+    return streams.chunk(tag)
 
 
 def _first(error: ValidationError) -> str:

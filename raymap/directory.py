@@ -11,16 +11,27 @@ unit vectors, flux in ``flux_unit``.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, BaseModel, ConfigDict, FailFast, Field, model_validator
+from pydantic import (
+    ConfigDict,
+    FailFast,
+    Field,
+    PlainSerializer,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+    model_validator,
+)
 
-from raymap.plaintext import plain_text
-from raymap.schema import MAX_CELLS_PER_SIDE, MAX_INDEX, MAX_PRIMITIVES, NONE
+from raymap.entry import Entry, Name, Parameters, PlainText, Vector
+from raymap.limits import MAX_CELLS_PER_SIDE, MAX_CHANNELS, MAX_INDEX
+from raymap.sceneobjects import Face, ObjectColumns, Quadric, SceneObject, SceneObjects
+from raymap.schema import NONE
 
 __all__ = [
     "BoundingSphere",
@@ -37,24 +48,11 @@ __all__ = [
     "Surface",
 ]
 
-Vector = tuple[float, float, float]
+
 Numbers = Annotated[tuple[float, ...], FailFast()]
-Parameters = dict[str, Any]
 
 
-class _Entry(BaseModel):
-    """An immutable entry; keys that this version does not know are carried along."""
-
-    model_config = ConfigDict(frozen=True, extra="allow", allow_inf_nan=False)
-
-
-PlainText = Annotated[str, AfterValidator(plain_text)]
-"""A text that people read; what acts on a terminal or a line is spelt out."""
-
-Name = Annotated[PlainText, Field(min_length=1, max_length=1024)]
-
-
-class Source(_Entry):
+class Source(Entry):
     """A light source; ``flux`` in the flux unit of the map."""
 
     name: Name
@@ -63,7 +61,7 @@ class Source(_Entry):
     parameters: Parameters = {}
 
 
-class Medium(_Entry):
+class Medium(Entry):
     """A medium by name; indices and absorption per channel stand in the channel sets."""
 
     name: Name
@@ -80,7 +78,7 @@ def _always_one(share: Any) -> bool:
     return bool(share == 1)
 
 
-class Surface(_Entry):
+class Surface(Entry):
     """Optical properties of faces; numeric ``parameters`` can be asked for in criteria."""
 
     name: Name
@@ -105,73 +103,7 @@ class Surface(_Entry):
         return True
 
 
-class Quadric(_Entry):
-    """Implicit shape of one primitive: F(x, y, z) = 0 with the gradient pointing outward.
-
-    Attributes
-    ----------
-    coefficients : c₀ … c₉ of F = c₀ x² + c₁ y² + c₂ z² + c₃ x y + c₄ x z + c₅ y z + c₆ x + c₇ y +
-        c₈ z + c₉
-    solve_axis : coordinate (0, 1, 2) that the encoding may rebuild from the other two; None if that
-        is never worthwhile
-    """
-
-    coefficients: tuple[float, float, float, float, float, float, float, float, float, float]
-    solve_axis: Literal[0, 1, 2] | None = None
-
-
-class Face(_Entry):
-    """A named part of the boundary of an object: a run of its primitives.
-
-    ``aliases`` are full names ("L3.front") by which criteria may also call the face: the shared
-    interface of a cemented pair is one face of one object with the other element's name as alias.
-    ``quadrics`` is empty or has one entry (or None) per primitive.
-    """
-
-    name: Name
-    first_primitive: Annotated[int, Field(ge=0, le=MAX_PRIMITIVES)] = 0
-    primitive_count: Annotated[int, Field(ge=1, le=MAX_PRIMITIVES)] = 1
-    surface: Annotated[int, Field(ge=NONE, le=MAX_INDEX)] = NONE
-    aliases: Annotated[tuple[str, ...], FailFast()] = ()
-    quadrics: Annotated[tuple[Quadric | None, ...], FailFast()] = ()
-    parameters: Parameters = {}
-
-    @model_validator(mode="after")
-    def _check(self) -> Face:
-        if self.quadrics and len(self.quadrics) != self.primitive_count:
-            raise ValueError(
-                f"face {self.name!r} has {self.primitive_count} primitives "
-                f"but {len(self.quadrics)} quadrics"
-            )
-        return self
-
-
-class SceneObject(_Entry):
-    """A body of the scene; its faces cover its primitives in order, without gaps."""
-
-    name: Name
-    kind: PlainText = ""
-    faces: Annotated[tuple[Face, ...], FailFast()] = ()
-    parameters: Parameters = {}
-
-    @model_validator(mode="after")
-    def _check(self) -> SceneObject:
-        expected = 0
-        for face in self.faces:
-            if face.first_primitive != expected:
-                raise ValueError(
-                    f"face {self.name}.{face.name} starts at primitive {face.first_primitive}, "
-                    f"expected {expected}: faces cover the primitives in order"
-                )
-            expected += face.primitive_count
-        if expected > MAX_PRIMITIVES:
-            raise ValueError(f"object {self.name!r} has {expected} primitives")
-        if len({face.name for face in self.faces}) != len(self.faces):
-            raise ValueError(f"object {self.name!r} has two faces of one name")
-        return self
-
-
-class Detector(_Entry):
+class Detector(Entry):
     """A grid of cells that counts flux.
 
     For ``kind == "plane"``: ``center`` of the rectangle, unit vectors ``axis_u`` and ``axis_v``,
@@ -197,7 +129,7 @@ class Detector(_Entry):
     parameters: Parameters = {}
 
 
-class BoundingSphere(_Entry):
+class BoundingSphere(Entry):
     """Rays that leave the scene end here."""
 
     center: Vector = (0.0, 0.0, 0.0)
@@ -210,7 +142,7 @@ class BoundingSphere(_Entry):
         return self
 
 
-class ChannelSet(_Entry):
+class ChannelSet(Entry):
     """The colour channels of a run of portions, and what media and sources are in them.
 
     Attributes
@@ -225,8 +157,8 @@ class ChannelSet(_Entry):
     """
 
     kind: Literal["rgb", "spectral"]
-    wavelengths_nm: Annotated[tuple[float, ...], Field(min_length=1, max_length=4096), FailFast()]
-    luminous: Annotated[tuple[float, ...], FailFast()] = ()
+    wavelengths_nm: Annotated[Numbers, Field(min_length=1, max_length=MAX_CHANNELS)]
+    luminous: Numbers = ()
     display_rgb: Annotated[tuple[Vector, ...], FailFast()] = ()
     refractive_index: Annotated[tuple[Numbers, ...], FailFast()] = ()
     absorption: Annotated[tuple[Numbers, ...], FailFast()] = ()
@@ -280,7 +212,8 @@ class FaceTable:
     object : (n_faces,) int16
     first_primitive, primitive_count : (n_faces,) int32
     surface : (n_faces,) int16
-    names : full names "object.face", in order
+    object_names : by object
+    face_names : of each face, within its object
     """
 
     first_face: NDArray[np.int32]
@@ -288,10 +221,34 @@ class FaceTable:
     first_primitive: NDArray[np.int32]
     primitive_count: NDArray[np.int32]
     surface: NDArray[np.int16]
-    names: tuple[str, ...]
+    object_names: tuple[str, ...]
+    face_names: tuple[str, ...]
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Full names "object.face", in order."""
+        owners = zip(self.object.tolist(), self.face_names, strict=True)
+        return tuple(f"{self.object_names[owner]}.{name}" for owner, name in owners)
+
+    def __len__(self) -> int:
+        return len(self.primitive_count)
 
 
-class Directory(_Entry):
+def _as_objects(given: Any, handler: ValidatorFunctionWrapHandler) -> SceneObjects:
+    """Objects in whatever form as the one sequence that has columns."""
+    if isinstance(given, Sequence) and len(given) > MAX_INDEX:
+        raise ValueError(f"there are {len(given)} of them; at most {MAX_INDEX} can be numbered")
+    return given if isinstance(given, SceneObjects) else SceneObjects(handler(given))
+
+
+Objects = Annotated[
+    Sequence[SceneObject],
+    WrapValidator(_as_objects),
+    PlainSerializer(tuple, return_type=tuple[SceneObject, ...]),
+]
+
+
+class Directory(Entry):
     """Names, shapes and units of one ray map."""
 
     model_config = ConfigDict(
@@ -301,7 +258,7 @@ class Directory(_Entry):
     length_unit: PlainText = "mm"
     flux_unit: Literal["W", "lm"] = "W"
     sources: Annotated[tuple[Source, ...], Field(max_length=MAX_INDEX), FailFast()]
-    objects: Annotated[tuple[SceneObject, ...], Field(max_length=MAX_INDEX), FailFast()] = ()
+    objects: Annotated[Objects, Field(validate_default=True)] = ()
     media: Annotated[tuple[Medium, ...], Field(max_length=MAX_INDEX), FailFast()] = ()
     surfaces: Annotated[tuple[Surface, ...], Field(max_length=MAX_INDEX), FailFast()] = ()
     detectors: Annotated[tuple[Detector, ...], Field(max_length=MAX_INDEX), FailFast()] = ()
@@ -315,39 +272,42 @@ class Directory(_Entry):
 
     @model_validator(mode="after")
     def _check(self) -> Directory:
-        for kind in ("sources", "objects", "media", "surfaces", "detectors"):
-            names = [entry.name for entry in getattr(self, kind)]
-            if len(set(names)) != len(names):
-                twice = Counter(names).most_common(1)[0][0]
-                raise ValueError(f"two {kind} are called {twice!r}")
-        for item in self.objects:
-            for face in item.faces:
-                if face.surface >= len(self.surfaces):
-                    raise ValueError(f"{item.name}.{face.name} names surface {face.surface}")
+        for kind in ("sources", "media", "surfaces", "detectors"):
+            _refuse_twice(kind, [entry.name for entry in getattr(self, kind)])
+        columns = self.object_columns
+        _refuse_twice("objects", columns.names)
+        if len(columns.surface) and int(columns.surface.max()) >= len(self.surfaces):
+            row = int(columns.surface.argmax())
+            raise ValueError(f"{self.faces.names[row]} names surface {columns.surface[row]}")
         for detector in self.detectors:
             if detector.object >= len(self.objects):
                 raise ValueError(f"detector {detector.name!r} names object {detector.object}")
         return self
 
     @property
-    def n_in_table(self) -> int:
-        """Primitives of which a table says which quadric they lie on; 0 without such a table."""
-        faces = [face for item in self.objects for face in item.faces]
-        if not any(face.primitive_count > 1 and face.quadrics for face in faces):
-            return 0
-        return sum(face.primitive_count for face in faces)
+    def object_columns(self) -> ObjectColumns:
+        """The objects as columns."""
+        return SceneObjects.of(self.objects).columns
 
     @cached_property
     def faces(self) -> FaceTable:
         """The faces of all objects, in order."""
-        counts = [len(item.faces) for item in self.objects]
-        faces = [face for item in self.objects for face in item.faces]
-        owners = [number for number, count in enumerate(counts) for _ in range(count)]
-        return FaceTable(
-            first_face=np.concatenate(([0], np.cumsum(counts))).astype(np.int32),
-            object=np.array(owners, np.int16),
-            first_primitive=np.array([face.first_primitive for face in faces], np.int32),
-            primitive_count=np.array([face.primitive_count for face in faces], np.int32),
-            surface=np.array([face.surface for face in faces], np.int16),
-            names=tuple(f"{item.name}.{face.name}" for item in self.objects for face in item.faces),
+        columns = self.object_columns
+        owner = np.repeat(
+            np.arange(len(columns.names), dtype=np.int16), np.diff(columns.first_face)
         )
+        return FaceTable(
+            first_face=columns.first_face,
+            object=owner,
+            first_primitive=columns.first_primitive,
+            primitive_count=columns.primitive_count,
+            surface=columns.surface,
+            object_names=columns.names,
+            face_names=columns.face_names,
+        )
+
+
+def _refuse_twice(kind: str, names: Sequence[str]) -> None:
+    if len(set(names)) != len(names):
+        twice = next(name for name, count in Counter(names).items() if count > 1)
+        raise ValueError(f"two {kind} are called {twice!r}")

@@ -18,8 +18,9 @@ from raymap.dictionary import (
     itineraries_of,
 )
 from raymap.directory import ChannelSet, Directory
+from raymap.errors import FormatError, LimitExceeded
 from raymap.geometrystreams import PathsTaken, add_geometry
-from raymap.layout import PORTION, pack_chunk_header
+from raymap.layout import PORTION
 from raymap.meetings import compile_detectors, encode_meetings
 from raymap.paths import PathDictionary
 from raymap.pathwords import face_columns
@@ -46,6 +47,7 @@ class EncodedPortion:
     meta : what the chunk header says
     buffers : header and streams, to be written one after the other
     size : bytes of the chunk
+    head_size : those of its header, meta block and stream table
     paths : the portion's dictionary for merging, None where it has plain columns
     lent : what some of the buffers are part of, and where it goes back
     """
@@ -53,6 +55,7 @@ class EncodedPortion:
     meta: PortionMeta
     buffers: list[bytes | NDArray[np.uint8]]
     size: int
+    head_size: int
     paths: PathDictionary | None
     lent: tuple[NDArray[np.uint8], BufferPool] | None = field(default=None, repr=False)
 
@@ -136,11 +139,16 @@ class PortionEncoder:
             encodings=encodings,
             emitted=portion.emitted.copy(),
         )
-        header = pack_chunk_header(PORTION, meta.pack(), streams.entries)
+        try:
+            meta.check()
+        except FormatError as error:
+            raise LimitExceeded(str(error)) from None
+        buffers = streams.chunk(PORTION, meta.pack(), meta.least_size)
         return EncodedPortion(
             meta=meta,
-            buffers=[header, *streams.buffers],
-            size=len(header) + streams.stored_bytes,
+            buffers=buffers,
+            size=len(buffers[0]) + streams.stored_bytes,
+            head_size=len(buffers[0]),
             paths=paths,
             lent=None if lent is None else (lent, self._pool),
         )

@@ -1,8 +1,11 @@
-"""The footer: index of the chunks, counts of the portions, the merged path dictionary, the runs."""
+"""The footer: index of the chunks, counts of the portions, the runs, a copy of the directory.
+
+The merged path dictionary has a chunk of its own before it (in maps of version 1 it stands in the
+footer), so that a footer is short: its last bytes come with one request, and they open the map.
+"""
 
 from __future__ import annotations
 
-import json
 import struct
 from dataclasses import dataclass, field
 from typing import Any
@@ -13,17 +16,36 @@ from numpy.typing import NDArray
 
 from raymap.agreement import compare_totals
 from raymap.chunks import Chunk, MapFile
+from raymap.description import read_directory, run_of
+from raymap.directory import Directory
 from raymap.errors import FormatError
-from raymap.layout import FOOTER, pack_chunk_header
+from raymap.jsontext import parse_json, write_json
+from raymap.layout import FOOTER, PATHS, TAIL_MAGIC, pack_chunk_header
 from raymap.paths import MergedPaths, PathDictionary
 from raymap.pathstreams import Bounds, check_itineraries
 from raymap.portionmeta import PortionMeta
 from raymap.streams import Scope, StreamSet
 
-__all__ = ["Footer", "IndexEntry", "find_footer", "pack_footer", "read_footer", "read_merged"]
+__all__ = [
+    "COPIED",
+    "Footer",
+    "IndexEntry",
+    "copied_directory",
+    "find_footer",
+    "pack_footer",
+    "pack_merged",
+    "read_footer",
+    "read_merged",
+]
 
+_PATHS_META = struct.Struct("<Q")
 _TAIL = struct.Struct("<QQ8s")
-TAIL_MAGIC = b"RMAP\r\nZ\n"
+COPIED = "directory."
+"""Prefix of the streams of the directory that the footer repeats."""
+MAX_PREFETCH = 2**24
+"""Bytes of a footer that are fetched together."""
+MAX_COPY = 2**15
+"""Bytes up to which a directory is repeated: with the footer it comes in one request."""
 _COUNTS = (
     "number",
     "first_ray",
@@ -43,11 +65,15 @@ _SIGNED = {"first_ray", "last_ray"}
 
 @dataclass(frozen=True, slots=True)
 class IndexEntry:
-    """Where a portion stands in the file and what its header says."""
+    """Where a portion stands in the file and what its header says.
+
+    ``head_size`` is that of header, meta block and stream table; 0 where it is not known.
+    """
 
     offset: int
     size: int
     meta: PortionMeta
+    head_size: int = 0
 
 
 @dataclass(eq=False)
@@ -58,29 +84,52 @@ class Footer:
     ----------
     portions : in number order
     chunks : (offset, tag) of all other chunks, in file order
+    sizes : (size, head size) of those by offset, as far as they are known
     runs : one dict per run: seed, parameters, statistics
     channel_sets : a second copy of the channel sets, as JSON values
     has_merged : a merged dictionary is there
+    merged_offset : of the chunk that holds it, None where it stands in the footer
     """
 
     portions: list[IndexEntry] = field(default_factory=list)
     chunks: list[tuple[int, bytes]] = field(default_factory=list)
+    sizes: dict[int, tuple[int, int]] = field(default_factory=dict)
     runs: list[dict[str, Any]] = field(default_factory=list)
     channel_sets: list[dict[str, Any]] = field(default_factory=list)
     has_merged: bool = False
+    merged_offset: int | None = None
+
+    def with_merged(self) -> Footer:
+        """Itself, knowing the chunk of the merged dictionary: the last one of its tag."""
+        for offset, tag in self.chunks:
+            if tag == PATHS:
+                self.merged_offset, self.has_merged = offset, True
+        return self
 
 
-def pack_footer(
-    footer: Footer,
-    merged: PathDictionary | None,
-    local_to_global: list[NDArray[np.int32] | None],
-) -> list[Any]:
-    """The footer chunk as buffers to be written one after the other."""
+def pack_footer(footer: Footer, directory: StreamSet | None, version: tuple[int, int]) -> list[Any]:
+    """The footer chunk as buffers to be written one after the other.
+
+    Parameters
+    ----------
+    directory : its streams, to be repeated if they are few; None: not to be repeated
+    version : of the format of the file
+
+    Raises
+    ------
+    LimitExceeded
+    """
     streams = StreamSet()
-    described = {"runs": footer.runs, "channel_sets": footer.channel_sets}
-    streams.add_bytes("json", json.dumps(described).encode(), level=3)
+    described = {
+        "version": version,
+        "portions": len(footer.portions),
+        "chunks": len(footer.chunks),
+        "runs": footer.runs,
+        "channel_sets": footer.channel_sets,
+    }
+    streams.add_bytes("json", write_json(described, "the footer"), level=3)
     metas = [entry.meta for entry in footer.portions]
-    for name in ("offset", "size"):
+    for name in ("offset", "size", "head_size"):
         values = [getattr(entry, name) for entry in footer.portions]
         streams.add(f"portion.{name}", np.array(values, np.uint64))
     for name in _COUNTS:
@@ -91,8 +140,11 @@ def pack_footer(
     streams.add("chunk.offset", np.array([offset for offset, _ in footer.chunks], np.uint64))
     tags = b"".join(tag for _, tag in footer.chunks)
     streams.add("chunk.tag", np.frombuffer(tags, np.uint8).reshape(-1, 8))
-    if merged is not None:
-        _add_merged(streams, merged, local_to_global)
+    sizes = [footer.sizes.get(offset, (0, 0)) for offset, _ in footer.chunks]
+    for name, number in (("size", 0), ("head_size", 1)):
+        streams.add(f"chunk.{name}", np.array([each[number] for each in sizes], np.uint64))
+    if directory is not None and directory.stored_bytes <= MAX_COPY:
+        streams.take(directory, COPIED)
     # The tail lies in the chunk as its last stream, so that the size of the chunk is known before
     tail = np.zeros(_TAIL.size, np.uint8)
     streams.raw = True
@@ -103,7 +155,16 @@ def pack_footer(
     streams.entries.pop()
     streams.buffers.pop()
     streams.add("tail", np.frombuffer(_TAIL.pack(size, check, TAIL_MAGIC), np.uint8))
-    return [pack_chunk_header(FOOTER, b"", streams.entries), *streams.buffers]
+    return streams.chunk(FOOTER)
+
+
+def pack_merged(
+    merged: PathDictionary, local_to_global: list[NDArray[np.int32] | None]
+) -> list[Any]:
+    """The chunk of the merged dictionary as buffers."""
+    streams = StreamSet()
+    _add_merged(streams, merged, local_to_global)
+    return streams.chunk(PATHS, _PATHS_META.pack(merged.n_paths))
 
 
 def _add_merged(
@@ -137,6 +198,7 @@ def find_footer(file: MapFile, size: int) -> Chunk | None:
     if len(tail) < _TAIL.size or not tail.endswith(TAIL_MAGIC):
         return None
     length, check, _ = _TAIL.unpack(tail)
+    file.bytes.prefetch(size - min(length, MAX_PREFETCH))
     if check != xxhash.xxh3_64_intdigest(tail[:8] + TAIL_MAGIC) or not 0 < length <= size:
         return None
     try:
@@ -144,6 +206,20 @@ def find_footer(file: MapFile, size: int) -> Chunk | None:
     except FormatError:
         return None
     return chunk if chunk.tag == FOOTER and chunk.end == size else None
+
+
+def copied_directory(file: MapFile, chunk: Chunk) -> Directory | None:
+    """The directory that a footer repeats; None where it repeats none, or it is damaged."""
+    if f"{COPIED}json" not in chunk.by_name:
+        return None
+    try:
+        described = parse_json(file.text_of(chunk), dict, "footer")
+        major = described.get("version", [0])[0]
+        directory = read_directory(file, chunk, COPIED)
+        file.take_version(major)
+    except (FormatError, LookupError, TypeError):
+        return None
+    return directory
 
 
 def read_footer(file: MapFile, chunk: Chunk, n_sources: int) -> Footer:
@@ -154,13 +230,14 @@ def read_footer(file: MapFile, chunk: Chunk, n_sources: int) -> Footer:
     FormatError
         A stream is damaged or the index contradicts the file.
     """
+    described = parse_json(file.text_of(chunk), dict, "footer")
     try:
-        described = json.loads(file.text_of(chunk))
-        runs = [dict(run) for run in described["runs"]]
+        runs = [run_of(run) for run in described["runs"]]
         channel_sets = [dict(each) for each in described["channel_sets"]]
-    except (ValueError, TypeError, KeyError, RecursionError) as error:
+        counts_of = {name: _count(described.get(name)) for name in ("portions", "chunks")}
+    except (ValueError, TypeError, KeyError) as error:
         raise FormatError(f"footer holds no sound JSON: {error}") from None
-    offsets = file.column(chunk, "portion.offset", None, np.uint64)
+    offsets = file.column(chunk, "portion.offset", counts_of["portions"], np.uint64)
     n = len(offsets)
     if n > chunk.offset:
         raise FormatError("footer lists more portions than the file has bytes")
@@ -176,6 +253,7 @@ def read_footer(file: MapFile, chunk: Chunk, n_sources: int) -> Footer:
     )
     if emitted.shape[1] != n_sources:
         raise FormatError("footer counts the rays emitted of another number of sources")
+    heads = _optional(file, chunk, "portion.head_size", n)
     portions = []
     previous = -1
     for row in range(n):
@@ -184,25 +262,49 @@ def read_footer(file: MapFile, chunk: Chunk, n_sources: int) -> Footer:
         meta = PortionMeta(**fields, **PortionMeta.marks(flags), emitted=emitted[row])
         meta.check()
         meta.check_size(int(sizes[row]))
-        entry = IndexEntry(int(offsets[row]), int(sizes[row]), meta)
-        if entry.offset + entry.size > chunk.offset or meta.number <= previous:
+        entry = IndexEntry(int(offsets[row]), int(sizes[row]), meta, int(heads[row]))
+        if (
+            entry.head_size > entry.size
+            or entry.offset + entry.size > chunk.offset
+            or meta.number <= previous
+        ):
             raise FormatError("footer's index of portions contradicts the file")
         previous = meta.number
         portions.append(entry)
-    others = file.column(chunk, "chunk.offset", None, np.uint64)
+    others = file.column(chunk, "chunk.offset", counts_of["chunks"], np.uint64)
     tags = file.column(chunk, "chunk.tag", len(others), np.uint8, matrix=True).reshape(
         len(others), -1
     )
     if tags.shape[1:] != (8,) or (len(others) and int(others.max()) >= chunk.offset):
         raise FormatError("footer's index of chunks contradicts the file")
-    names = {entry.name for entry in chunk.header.streams}
+    chunks = [(int(offset), tag.tobytes()) for offset, tag in zip(others, tags, strict=True)]
+    whole = _optional(file, chunk, "chunk.size", len(others))
+    heads = _optional(file, chunk, "chunk.head_size", len(others))
     return Footer(
         portions=portions,
-        chunks=[(int(offset), tag.tobytes()) for offset, tag in zip(others, tags, strict=True)],
+        chunks=chunks,
+        sizes={
+            offset: (int(size), int(head))
+            for (offset, _), size, head in zip(chunks, whole, heads, strict=True)
+        },
         runs=runs,
         channel_sets=channel_sets,
-        has_merged="local_to_global" in names,
-    )
+        has_merged="local_to_global" in chunk.by_name,
+    ).with_merged()
+
+
+def _count(value: Any) -> int | None:
+    """A number of rows; maps of version 1 do not say it."""
+    if value is not None and (type(value) is not int or value < 0):
+        raise ValueError(f"{value!r} is no number of chunks")
+    return value
+
+
+def _optional(file: MapFile, chunk: Chunk, name: str, rows: int) -> NDArray[np.uint64]:
+    """A column of sizes, zeros where it is not there."""
+    if name not in chunk.by_name:
+        return np.zeros(rows, np.uint64)
+    return file.column(chunk, name, rows, np.uint64)
 
 
 def read_merged(
@@ -215,15 +317,14 @@ def read_merged(
     FormatError
         A stream is damaged or numbers point outside of the dictionary.
     """
-    n = len(file.column(chunk, "path.source", None, np.int16))
+    n = _merged_paths(file, chunk)
     columns = check_itineraries(
         lambda name, rows, dtype: file.column(chunk, f"path.{name}", rows, dtype), n, bounds
     )
     sets = []
-    names = {entry.name for entry in chunk.header.streams}
     for number, n_channels in enumerate(channels):
         name = f"path.sum_wc.{number}"
-        if name in names:
+        if name in chunk.by_name:
             sums = file.column(chunk, name, n, np.float64, matrix=True).reshape(n, -1)
             if n and sums.shape[1] != n_channels:
                 raise FormatError(f"stream {name!r} has {sums.shape[1]} channels")
@@ -262,3 +363,12 @@ def read_merged(
         grouped=any(meta.grouped for meta in metas),
     )
     return merged
+
+
+def _merged_paths(file: MapFile, chunk: Chunk) -> int:
+    """Rows of the columns per path."""
+    if chunk.tag != PATHS:
+        return len(file.column(chunk, "path.source", None, np.int16))
+    if len(chunk.header.meta) != _PATHS_META.size:
+        raise FormatError("merged dictionary has a header of the wrong size")
+    return int(_PATHS_META.unpack(chunk.header.meta)[0])

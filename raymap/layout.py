@@ -20,7 +20,8 @@ from dataclasses import dataclass
 
 import xxhash
 
-from raymap.errors import FormatError
+from raymap.errors import FormatError, LimitExceeded
+from raymap.limits import MAX_META, MAX_STREAM_NAME, MAX_STREAMS
 
 __all__ = [
     "CHANNELS",
@@ -32,10 +33,13 @@ __all__ = [
     "KNOWN_TAGS",
     "MAGIC",
     "MAX_HEADER_SIZE",
+    "PATHS",
     "PORTION",
+    "READABLE",
     "RUN",
     "STREAM_ENTRY_SIZE",
     "TAG_PREFIX",
+    "TAIL_MAGIC",
     "VERSION",
     "ChunkHeader",
     "StreamEntry",
@@ -48,7 +52,14 @@ __all__ = [
 MAGIC = b"\x89RAYMAP\r\n\x1a\n\x00"
 """A copy in text mode changes the line ends, a copy through 7 bits the first byte."""
 
-VERSION = (1, 0)
+VERSION = (2, 0)
+"""What this program writes."""
+
+READABLE = (1, 2)
+"""Major versions that it reads."""
+
+TAIL_MAGIC = b"RMAP\r\nZ\n"
+"""The last bytes of a finished map."""
 
 TAG_PREFIX = b"RMAP:"
 DIRECTORY = b"RMAP:DIR"
@@ -56,8 +67,9 @@ CHANNELS = b"RMAP:CHN"
 RUN = b"RMAP:RUN"
 PORTION = b"RMAP:POR"
 DETECTOR = b"RMAP:DET"
+PATHS = b"RMAP:PTH"
 FOOTER = b"RMAP:END"
-KNOWN_TAGS = (DIRECTORY, CHANNELS, RUN, PORTION, DETECTOR, FOOTER)
+KNOWN_TAGS = (DIRECTORY, CHANNELS, RUN, PORTION, DETECTOR, PATHS, FOOTER)
 
 _FILE = struct.Struct("<12sHH")
 _CHUNK = struct.Struct("<8sHHIQ")
@@ -67,9 +79,7 @@ _STREAM = struct.Struct("<32sBBBBIQQQ")
 FILE_HEADER_SIZE = _FILE.size
 CHUNK_HEADER_SIZE = _CHUNK.size + _CHECKSUM.size
 STREAM_ENTRY_SIZE = _STREAM.size
-MAX_META_SIZE = 2**20
-MAX_STREAMS = 4096
-MAX_HEADER_SIZE = CHUNK_HEADER_SIZE + MAX_META_SIZE + MAX_STREAMS * STREAM_ENTRY_SIZE
+MAX_HEADER_SIZE = CHUNK_HEADER_SIZE + MAX_META + MAX_STREAMS * STREAM_ENTRY_SIZE
 CHUNK_VERSION = 1
 
 
@@ -112,6 +122,11 @@ class ChunkHeader:
     meta: bytes
     streams: tuple[StreamEntry, ...]
 
+    @property
+    def head_size(self) -> int:
+        """Bytes of header, meta block and stream table."""
+        return CHUNK_HEADER_SIZE + len(self.meta) + STREAM_ENTRY_SIZE * len(self.streams)
+
 
 def pack_file_header() -> bytes:
     """The first 16 bytes of a map."""
@@ -121,13 +136,29 @@ def pack_file_header() -> bytes:
 def header_size(prefix: bytes) -> int:
     """Bytes of header, meta block and stream table that a chunk's first 32 bytes announce."""
     _, _, n_streams, meta_size, _ = _CHUNK.unpack_from(prefix)
-    if n_streams > MAX_STREAMS or meta_size > MAX_META_SIZE:
+    if n_streams > MAX_STREAMS or meta_size > MAX_META:
         raise FormatError(f"chunk header announces {n_streams} streams, {meta_size} bytes of meta")
     return CHUNK_HEADER_SIZE + int(meta_size) + int(n_streams) * STREAM_ENTRY_SIZE
 
 
 def pack_chunk_header(tag: bytes, meta: bytes, streams: list[StreamEntry]) -> bytes:
-    """Header, meta block and stream table of a chunk; the streams' offsets are not needed."""
+    """Header, meta block and stream table of a chunk; the streams' offsets are not needed.
+
+    Raises
+    ------
+    LimitExceeded
+        It has more streams, a longer meta block or a longer name than readers take.
+    """
+    if len(streams) > MAX_STREAMS or len(meta) > MAX_META:
+        raise LimitExceeded(
+            f"a chunk would have {len(streams)} streams and {len(meta)} bytes of meta; at most "
+            f"{MAX_STREAMS} and {MAX_META} are read"
+        )
+    for entry in streams:
+        if not 0 < len(entry.name.encode()) <= MAX_STREAM_NAME:
+            raise LimitExceeded(
+                f"a stream cannot be called {entry.name!r}: names have 1 to {MAX_STREAM_NAME} bytes"
+            )
     table = b"".join(
         _STREAM.pack(
             entry.name.encode(),

@@ -308,10 +308,15 @@ def other_residuals(
                 if code >= 0:
                     continue
                 if code <= MANY:
-                    start = shapes.face_start[np.uint32(face)]
-                    own = start + triangles[i] - shapes.first_primitive[np.uint32(face)]
-                    if several and shapes.primitive_quadric[np.uint64(own)] >= 0:
+                    place = np.int64(triangles[i] - shapes.first_primitive[np.uint32(face)])
+                    start = shapes.quadric_start[np.uint32(face)]
+                    if (
+                        several
+                        and start >= 0
+                        and shapes.primitive_quadric[np.uint64(start + place)] >= 0
+                    ):
                         continue
+                    own = shapes.face_start[np.uint32(face)] + place
                     primitive = own if remembered.shape[0] > 0 else np.int64(-1)
             else:
                 code = np.int64(code_off_faces(k == 0, objects[point], events[point]))

@@ -39,7 +39,7 @@ class Bounds:
         return Bounds(
             len(directory.sources),
             len(directory.objects),
-            len(directory.faces.names),
+            len(directory.faces),
             len(directory.media),
             len(directory.detectors),
             directory.faces.object,

@@ -38,6 +38,8 @@ _P3 = np.uint64(0xD6E8FEB86659FD93)
 _S16, _S20, _S29, _S32 = np.uint64(16), np.uint64(20), np.uint64(29), np.uint64(32)
 _ONE = np.uint64(1)
 _MOST = 65_536
+_MOST_TOGETHER = 2**24
+"""Primitives of an object, and of all objects, up to which each has a code of its own."""
 _FOREIGN = -(2**31)
 
 
@@ -99,24 +101,35 @@ class PathWords(NamedTuple):
 
 def face_columns(faces: FaceTable) -> FaceColumns:
     """The faces of a directory, for `number_rays`."""
-    begin, codes = [0, 1], [np.array([-2], np.int32)]
-    for item in range(len(faces.first_face) - 1):
-        own = slice(int(faces.first_face[item]), int(faces.first_face[item + 1]))
-        counts = faces.primitive_count[own]
-        total = int(counts.sum())
-        if 0 < total <= _MOST:
-            numbers = np.arange(own.start, own.stop, dtype=np.int32)
-            codes += [np.array([-1], np.int32), np.repeat(2 * numbers + (counts != 1), counts)]
-            begin.append(begin[-1] + total + 1)
-        else:
-            begin.append(begin[-1])
+    objects = np.diff(faces.first_face)
+    counts = faces.primitive_count.astype(np.int64)
+    ends = np.concatenate(([0], np.cumsum(counts)))
+    totals = np.diff(ends[faces.first_face])
+    # Number the primitives of small objects one by one, as long as there are not too many
+    listed = (totals > 0) & (totals <= _MOST)
+    listed &= np.cumsum(np.where(listed, totals + 1, 0)) <= _MOST_TOGETHER
+    begin = np.concatenate(([0, 1], 1 + np.cumsum(np.where(listed, totals + 1, 0))))
+    codes = np.full(begin[-1], -1, np.int32)
+    codes[0] = -2
+    numbers = np.flatnonzero(np.repeat(listed, objects))
+    owner = np.repeat(np.arange(len(objects)), objects)[numbers]
+    first = begin[1:-1][owner] + 1 + ends[numbers] - ends[faces.first_face[owner]]
+    places = np.repeat(first - _starts(counts[numbers]), counts[numbers])
+    codes[places + np.arange(len(places))] = np.repeat(
+        2 * numbers + (counts[numbers] != 1), counts[numbers]
+    )
     return FaceColumns(
-        np.array(begin, np.int32),
-        np.concatenate(codes).astype(np.int32),
+        begin.astype(np.int32),
+        codes,
         faces.first_face,
         faces.first_primitive,
         faces.primitive_count,
     )
+
+
+def _starts(counts: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Sum of the counts before each."""
+    return np.cumsum(counts) - counts
 
 
 def words_needed(n_rays: int, n_records: int, n_meetings: int) -> int:

@@ -11,10 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.errors import FormatError
-from raymap.schema import (
+from raymap.limits import (
+    MAX_CHANNEL_SETS,
+    MAX_DESCRIPTORS,
     MAX_DESCRIPTORS_PER_SEGMENT,
-    MAX_INDEX,
-    PORTION_MAX_RECORDS,
+    MAX_RAY,
+    MAX_RECORDS,
     RECORDS_FLOOR,
     RECORDS_PER_BYTE,
     affordable,
@@ -23,8 +25,6 @@ from raymap.schema import (
 __all__ = ["DESCRIPTOR_STREAMS", "Encoding", "PortionMeta"]
 
 _FIXED = struct.Struct("<QqqIIQIIQHHI")
-MAX_DESCRIPTORS = 2**26
-MAX_RAY = 2**62
 
 DESCRIPTOR_STREAMS = (
     "descriptor.cell_u",
@@ -164,6 +164,12 @@ class PortionMeta:
             "encodings": flags & _ENCODINGS,
         }
 
+    @property
+    def least_size(self) -> int:
+        """Bytes that a chunk must have to pay for so many records."""
+        most = max(self.n_records, self.n_descriptors)
+        return 0 if most <= RECORDS_FLOOR else -(-most // RECORDS_PER_BYTE)
+
     def check_size(self, stored: int) -> None:
         """Refuse more records than a chunk of ``stored`` bytes can pay for."""
         limit = affordable(stored, RECORDS_FLOOR, RECORDS_PER_BYTE)
@@ -178,15 +184,15 @@ class PortionMeta:
         n_rays, n_records = self.n_rays, self.n_records
         span = self.last_ray - self.first_ray + 1
         sound = (
-            n_rays <= n_records <= PORTION_MAX_RECORDS
+            n_rays <= n_records <= MAX_RECORDS
             and (n_rays > 0 or n_records == 0)
             and self.n_descriptors <= min(MAX_DESCRIPTORS, n_records * MAX_DESCRIPTORS_PER_SEGMENT)
             and 0 <= self.first_ray <= MAX_RAY
             and (span >= n_rays > 0 if self.has_ids else span == n_rays)
             and self.last_ray < MAX_RAY
-            and self.channel_set <= MAX_INDEX
+            and self.channel_set < MAX_CHANNEL_SETS
             and self.number < MAX_RAY
-            and bool((self.emitted >= 0).all())
+            and bool(((self.emitted >= 0) & (self.emitted < MAX_RAY)).all())
         )
         if self.has_paths:
             sound = (

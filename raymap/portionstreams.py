@@ -114,7 +114,8 @@ class PortionStreams:
     def _header(self) -> ChunkHeader:
         file = self._map.file
         try:
-            chunk = file.chunk_at(self._index.offset, self._index.offset + self._index.size)
+            index = self._index
+            chunk = file.chunk_at(index.offset, index.offset + index.size, index.head_size)
             if chunk.tag != PORTION or chunk.header.size != self._index.size:
                 raise FormatError("another chunk lies in its place")
             meta = PortionMeta.parse(chunk.header.meta, len(self.emitted))
@@ -136,6 +137,9 @@ class PortionStreams:
     ) -> NDArray[Any]:
         wanted = np.dtype(dtype)
         try:
+            if name not in self._streams and not rows:
+                # A column of no rows has no streams; how many it must have is checked by who asks
+                return np.empty(0, wanted)
             if name not in self._streams:
                 raise FormatError(f"stream {name!r} is missing")
             column = decode_column(self._streams[name], self.fetch, rows)

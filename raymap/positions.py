@@ -76,7 +76,8 @@ def resolve_codes(rays: RayShapes, shapes: ShapeTable, codes: NDArray[np.int32])
             if code <= MANY and many:
                 face = MANY - code
                 primitive = rays.triangles[i] - shapes.first_primitive[face]
-                q = shapes.primitive_quadric[shapes.face_start[face] + primitive]
+                start = shapes.quadric_start[face]
+                q = shapes.primitive_quadric[start + primitive] if start >= 0 else -1
                 if q >= 0:
                     code = q
             codes[i] = code

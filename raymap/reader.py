@@ -25,7 +25,7 @@ from raymap.description import (
     parse_channel_set,
     read_channel_set,
     read_directory,
-    read_mesh,
+    read_display_meshes,
     read_run,
 )
 from raymap.directory import ChannelSet, DisplayMesh
@@ -37,8 +37,15 @@ from raymap.errors import (
     NotARayMap,
     RayNotFound,
 )
-from raymap.footer import Footer, IndexEntry, find_footer, read_footer, read_merged
-from raymap.layout import CHANNELS, DETECTOR, DIRECTORY, FILE_HEADER_SIZE, PORTION, RUN
+from raymap.footer import (
+    Footer,
+    IndexEntry,
+    copied_directory,
+    find_footer,
+    read_footer,
+    read_merged,
+)
+from raymap.layout import CHANNELS, DETECTOR, DIRECTORY, FILE_HEADER_SIZE, PATHS, PORTION, RUN
 from raymap.paths import MergedPaths
 from raymap.pathstreams import Bounds
 from raymap.photometry import Photometry
@@ -216,6 +223,11 @@ class RayMap:
         return list(self._footer.chunks)
 
     @property
+    def chunk_sizes(self) -> dict[int, tuple[int, int]]:
+        """(size, head size) of those chunks by offset, as far as they are known."""
+        return dict(self._footer.sizes)
+
+    @property
     def bytes_read(self) -> int:
         """Bytes fetched from the file so far."""
         return self.file.bytes_read
@@ -237,11 +249,9 @@ class RayMap:
     @cached_property
     def meshes(self) -> Mapping[int, DisplayMesh]:
         """Display meshes by object index, decoded when asked for."""
-        return {
-            number: read_mesh(self.file, self._directory_chunk, number)
-            for number in self._with_mesh
-            if number < len(self.directory.objects)
-        }
+        return read_display_meshes(
+            self.file, self._directory_chunk(self.bytes), len(self.directory.objects)
+        )
 
     @property
     def verified(self) -> bool:
@@ -268,7 +278,7 @@ class RayMap:
             if self._merged is None and not self._merged_dropped:
                 try:
                     merged = read_merged(
-                        self.file, chunk, self._footer, self.bounds, self._channels
+                        self.file, self._merged_chunk(), self._footer, self.bounds, self._channels
                     )
                     if self.rays <= COMPARED_RAYS and len(self.portions) <= COMPARED_PORTIONS:
                         compare_all(merged, self.portions)
@@ -316,6 +326,21 @@ class RayMap:
             self._photometry[channel_set] = known
         return known[1]
 
+    def _merged_chunk(self) -> Chunk:
+        """The chunk that holds the merged dictionary."""
+        assert self._footer_chunk is not None
+        offset = self._footer.merged_offset
+        if offset is None:
+            return self._footer_chunk
+        chunk = self._chunk_of(offset)
+        if chunk.tag != PATHS:
+            raise FormatError("another chunk lies in the place of the merged dictionary")
+        return chunk
+
+    def _chunk_of(self, offset: int) -> Chunk:
+        """A chunk that the footer lists."""
+        return self.file.chunk_at(offset, self.bytes, self._footer.sizes.get(offset, (0, 0))[1])
+
     def find_ray(self, ray_id: int) -> tuple[int, int]:
         """(index of the portion, index of the ray in it).
 
@@ -352,7 +377,7 @@ class RayMap:
             if tag != DETECTOR:
                 continue
             try:
-                chunk = self.file.chunk_at(offset, self.bytes)
+                chunk = self._chunk_of(offset)
                 if chunk.tag != DETECTOR:
                     raise FormatError("another chunk lies in its place")
                 head = read_result(self.file, chunk, self.directory, self._channels, data=False)
@@ -409,19 +434,9 @@ class RayMap:
 
     def _load(self) -> None:
         size = self.file.size
-        try:
-            chunk = self.file.chunk_at(FILE_HEADER_SIZE, size)
-            if chunk.tag != DIRECTORY:
-                raise FormatError("the first chunk is no directory")
-            self.directory, self._with_mesh = read_directory(self.file, chunk)
-            self.bounds = Bounds.of(self.directory)
-        except (FormatError, *FOREIGN) as error:
-            raise NotARayMap(
-                f"{self.path} has no sound directory ({error}): nothing in it can be read"
-            ) from None
-        self._directory_chunk = chunk
-        self._merged, self._merged_dropped, self._verified = None, False, None
         self._footer_chunk = find_footer(self.file, size)
+        self._load_directory(size)
+        self._merged, self._merged_dropped, self._verified = None, False, None
         self.torn_bytes = 0
         self.bytes = size
         if self._footer_chunk is None or not self._load_footer(self._footer_chunk):
@@ -433,6 +448,29 @@ class RayMap:
             StoredPortion(self, entry) for entry in self._footer.portions
         ]
 
+    def _load_directory(self, size: int) -> None:
+        """Read the first chunk; of a file far away the copy that came with the footer."""
+        if self.file.bytes.distant and self._footer_chunk is not None:
+            copied = copied_directory(self.file, self._footer_chunk)
+            if copied is not None:
+                self.directory, self.bounds = copied, Bounds.of(copied)
+                return
+        if not self.file.major:
+            self.file.check_magic()
+        try:
+            self.directory = read_directory(self.file, self._directory_chunk(size))
+            self.bounds = Bounds.of(self.directory)
+        except (FormatError, *FOREIGN) as error:
+            raise NotARayMap(
+                f"{self.path} has no sound directory ({error}): nothing in it can be read"
+            ) from None
+
+    def _directory_chunk(self, size: int) -> Chunk:
+        chunk = self.file.chunk_at(FILE_HEADER_SIZE, size)
+        if chunk.tag != DIRECTORY:
+            raise FormatError("the first chunk is no directory")
+        return chunk
+
     def _load_footer(self, chunk: Chunk) -> bool:
         """Take the index from the footer; false if it is damaged."""
         try:
@@ -440,7 +478,8 @@ class RayMap:
             self._set_channels([parse_channel_set(each) for each in self._footer.channel_sets])
             if any(e.meta.channel_set >= len(self._channels) for e in self._footer.portions):
                 raise FormatError("a portion names a channel set that the map does not have")
-            if len(self._footer.portions) <= COMPARED_PORTIONS:
+            if len(self._footer.portions) <= COMPARED_PORTIONS and not self.file.bytes.distant:
+                # Far away each header would cost a request; it is compared when it is read
                 self._compare_headers()
         except (FormatError, *FOREIGN) as error:
             self._warn_of_footer(Damage(None, chunk.offset, chunk.header.size, f"footer: {error}"))
@@ -451,7 +490,7 @@ class RayMap:
         """Compare the footer's index with the headers of the portions, where these are sound."""
         for entry in self._footer.portions:
             try:
-                chunk = self.file.chunk_at(entry.offset, self.bytes)
+                chunk = self.file.chunk_at(entry.offset, self.bytes, entry.head_size)
             except FormatError:
                 continue
             if chunk.tag != PORTION or chunk.header.meta != entry.meta.pack():
@@ -462,7 +501,7 @@ class RayMap:
         self._footer = Footer()
         self._last_ray = -1
         self._set_channels([])
-        for item in self.file.walk(self._directory_chunk.offset, size):
+        for item in self.file.walk(FILE_HEADER_SIZE, size):
             if isinstance(item, Gap):
                 self._take_gap(item, size)
                 continue
@@ -490,13 +529,16 @@ class RayMap:
             if meta.channel_set >= len(self._channels):
                 raise FormatError(f"portion {meta.number} names an unknown channel set")
             self._last_ray = max(meta.last_ray, self._last_ray)
-            self._footer.portions.append(IndexEntry(chunk.offset, chunk.header.size, meta))
+            self._footer.portions.append(
+                IndexEntry(chunk.offset, chunk.header.size, meta, chunk.header.head_size)
+            )
             return
         if chunk.tag == CHANNELS:
             self._set_channels([*self._own_channel_sets, read_channel_set(self.file, chunk)])
         elif chunk.tag == RUN:
             self._footer.runs.append(read_run(self.file, chunk))
         self._footer.chunks.append((chunk.offset, chunk.tag))
+        self._footer.sizes[chunk.offset] = chunk.header.size, chunk.header.head_size
 
     def _set_channels(self, channel_sets: list[ChannelSet]) -> None:
         self.channel_sets = channel_sets
@@ -529,7 +571,7 @@ class RayMap:
             "without_rays": self.without_rays,
             "verified": self.verified,
             "sources": [source.name for source in directory.sources],
-            "objects": [item.name for item in directory.objects],
+            "objects": list(directory.object_columns.names),
             "faces": list(directory.faces.names),
             "detectors": [detector.name for detector in directory.detectors],
             "media": [medium.name for medium in directory.media],

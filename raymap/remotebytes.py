@@ -1,7 +1,8 @@
 """Maps on object storage and web servers, through fsspec; only the bytes that are needed come over.
 
-Streams come as they are, each in one request. What is shorter than half a block (headers, the small
-streams of footers) comes in blocks, which are kept: one request for many neighbours.
+The end of a file comes first and in one request: it opens a finished map. Streams come as they
+are, each in one request. What is shorter than half a block (headers) comes in blocks, which are
+kept: one request for many neighbours.
 """
 
 from __future__ import annotations
@@ -84,11 +85,14 @@ def upload(data: bytes, address: Address) -> None:
 class RemoteBytes:
     """A file on a file system of fsspec, read in ranges by many threads."""
 
+    distant = True
+
     def __init__(self, address: Address) -> None:
         self.address = address
         self._system, self._path = file_system(address)
         self._lock = threading.Lock()
         self._blocks: OrderedDict[int, bytes] = OrderedDict()
+        self._end: tuple[int, bytes] = (0, b"")
         self._closed = False
         self.bytes_read = 0
         self.requests = 0
@@ -98,6 +102,19 @@ class RemoteBytes:
             raise NotARayMap(f"{address} does not exist") from None
         except Exception as error:
             raise NotARayMap(f"{address} cannot be read: {_line(error)}") from None
+        self._open_end()
+
+    def _open_end(self) -> None:
+        try:
+            self.prefetch(self._known - BLOCK)
+        except FormatError as error:
+            raise NotARayMap(str(error)) from None
+
+    def prefetch(self, start: int) -> None:
+        start = max(0, start)
+        kept, data = self._end
+        if start < self._known and not (data and kept <= start):
+            self._end = start, self._fetch(start, self._known)
 
     def _size(self) -> int:
         self._system.invalidate_cache()
@@ -118,6 +135,7 @@ class RemoteBytes:
                 last = min(size, self._known) // BLOCK
                 for number in [each for each in self._blocks if each >= last]:
                     del self._blocks[number]
+                self._end = 0, b""
                 self._known = size
         return size
 
@@ -127,6 +145,9 @@ class RemoteBytes:
         end = min(offset + length, self._known)
         if offset >= end:
             return b""
+        start, data = self._end
+        if start <= offset and end <= start + len(data):
+            return data[offset - start : end - start]
         if end - offset > BLOCK // 2:
             return self._fetch(offset, end)
         first, last = offset // BLOCK, (end - 1) // BLOCK
@@ -137,6 +158,7 @@ class RemoteBytes:
         self._closed = True
         with self._lock:
             self._blocks.clear()
+            self._end = 0, b""
 
     def _block(self, number: int) -> bytes:
         """A block, from those kept or in one request."""

@@ -10,7 +10,7 @@ from raymap.cells import is_pinhole
 from raymap.cellsums import Sums, count_meetings
 from raymap.encoder import EncodedPortion
 from raymap.errors import FormatError
-from raymap.layout import KNOWN_TAGS
+from raymap.layout import KNOWN_TAGS, header_size
 from raymap.reader import RayMap
 from raymap.replacing import refuse_existing, replacing
 from raymap.stored import StoredPortion
@@ -97,9 +97,11 @@ def _copy_unknown(ray_map: RayMap, writer: RayMapWriter) -> None:
 
 
 def _as_encoded(portion: StoredPortion) -> EncodedPortion:
+    data = portion.chunk_bytes()
     return EncodedPortion(
         meta=portion.index.meta,
-        buffers=[portion.chunk_bytes()],
+        buffers=[data],
         size=portion.index.size,
+        head_size=header_size(data),
         paths=portion.paths() if portion.has_paths else None,
     )

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from raymap.chunks import Chunk, MapFile
 from raymap.directory import Directory
 from raymap.errors import FormatError
-from raymap.layout import DETECTOR, pack_chunk_header
+from raymap.layout import DETECTOR
 from raymap.scratch import lazy_zeros
 from raymap.streams import StreamSet
 
@@ -56,11 +56,11 @@ def pack_result(result: DetectorResult) -> list[Any]:
     sums, sums2 = (array.reshape(-1, array.shape[2]) for array in (result.sums, result.sums2))
     lit = _lit_cells(sums)
     if _SPARSE * len(lit) < len(sums):
-        streams.add("cells", lit.astype(np.uint32))
+        streams.add("cells", lit.astype(np.uint32), keep=True)
         sums, sums2 = _rows(sums, lit), _rows(sums2, lit)
     streams.add("sums", sums.reshape(-1))
     streams.add("sums2", sums2.reshape(-1))
-    return [pack_chunk_header(DETECTOR, meta, streams.entries), *streams.buffers]
+    return streams.chunk(DETECTOR, meta)
 
 
 def read_result(

@@ -10,7 +10,8 @@ from raymap.dictionary import PathMerger
 from raymap.directory import Directory
 from raymap.errors import FormatError, SceneMismatch
 from raymap.footer import Footer
-from raymap.layout import FOOTER
+from raymap.jsontext import plain
+from raymap.layout import CHANNELS, FOOTER, RUN
 
 if TYPE_CHECKING:
     from raymap.writer import WriterState
@@ -45,9 +46,12 @@ def resume(path: Path, directory: Directory | None) -> tuple[ChunkAppender, Dire
                 footer=Footer(
                     portions=[portion.index for portion in ray_map.portions],
                     chunks=ray_map.other_chunks,
+                    sizes=ray_map.chunk_sizes,
                     runs=list(ray_map.runs),
                 ),
                 channel_sets=list(ray_map.channel_sets),
+                version=(ray_map.file.major, 0),
+                described=_described(ray_map),
             )
             _take_paths(ray_map, state)
             if ray_map.footer_chunk is not None:
@@ -57,6 +61,16 @@ def resume(path: Path, directory: Directory | None) -> tuple[ChunkAppender, Dire
         appender.close()
         raise
     return appender, own, state
+
+
+def _described(ray_map: Any) -> int:
+    """Bytes of the chunks whose content the footer repeats."""
+    sizes = ray_map.chunk_sizes
+    return sum(
+        sizes.get(offset, (0, 0))[0]
+        for offset, tag in ray_map.other_chunks
+        if tag in (CHANNELS, RUN)
+    )
 
 
 def _take_paths(ray_map: Any, state: WriterState) -> None:
@@ -94,7 +108,7 @@ def scene_difference(own: Directory, other: Directory) -> str:
                 return f"it has {name[:-1]} {key!r}, the other has not"
             if key not in mine:
                 return f"it has no {name[:-1]} {key!r}"
-            if mine[key] != theirs[key]:
+            if mine[key] != theirs[key] and plain(mine[key]) != plain(theirs[key]):
                 return f"{name[:-1]} {key!r} differs ({_field(mine[key], theirs[key])})"
         if list(mine) != list(theirs):
             return f"the {name} stand in another order"

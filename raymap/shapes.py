@@ -13,14 +13,15 @@ MANY - face           the face has several primitives, the record's own one deci
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.directory import Directory, Quadric
+from raymap.directory import Directory
 from raymap.events import Event
 from raymap.kernels import inline_kernel, lean_kernel
+from raymap.sceneobjects import NO_QUADRIC
 
 __all__ = [
     "EMISSION",
@@ -41,7 +42,7 @@ MAX_REMEMBERED = 2**22
 """Normals of meshes are remembered by primitive if the scene has at most this many."""
 
 LEFT_SCENE = int(Event.LEFT_SCENE)
-_SPHERE_AXIS: Literal[2] = 2
+_SPHERE_AXIS = 2
 
 
 class ShapeTable(NamedTuple):
@@ -55,7 +56,9 @@ class ShapeTable(NamedTuple):
     face_code : (n_faces,) shape code of points on each face
     first_primitive : (n_faces,)
     face_start : (n_faces,) primitives of all faces before, those of other objects included
-    primitive_quadric : (n_primitives,) or (0,), row of the quadric of each primitive, -1 none
+    quadric_start : (n_faces,) row of ``primitive_quadric`` of the first primitive of a face of
+        several, -1 where none of them has a quadric
+    primitive_quadric : (n_shapes,) or (0,), row of the quadric of each primitive, -1 none
     complete : whether every primitive has a quadric
     n_remembered : primitives whose last normal is remembered, 0 in scenes with too many
     """
@@ -66,6 +69,7 @@ class ShapeTable(NamedTuple):
     face_code: NDArray[np.int32]
     first_primitive: NDArray[np.int32]
     face_start: NDArray[np.int64]
+    quadric_start: NDArray[np.int64]
     primitive_quadric: NDArray[np.int32]
     complete: bool
     n_remembered: int
@@ -115,76 +119,52 @@ class RayShapes(NamedTuple):
 
 def compile_shapes(directory: Directory) -> ShapeTable:
     """The shapes of a directory."""
-    table = directory.faces
-    faces = [face for item in directory.objects for face in item.faces]
-    face_start = np.zeros(len(faces) + 1, np.int64)
-    np.cumsum(table.primitive_count, out=face_start[1:])
+    columns = directory.object_columns
+    n_faces = len(columns.primitive_count)
+    face_start = np.zeros(n_faces + 1, np.int64)
+    np.cumsum(columns.primitive_count, out=face_start[1:])
     n_primitives = int(face_start[-1])
-    several = any(face.primitive_count > 1 and face.quadrics for face in faces)
-    primitive_quadric = np.full(n_primitives if several else 0, -1, np.int32)
-    face_code = np.full(len(faces), NO_SHAPE, np.int32)
-    quadrics: list[Quadric] = []
-    for number, face in enumerate(faces):
-        if face.primitive_count > 1:
-            face_code[number] = MANY - number
-        for primitive, quadric in enumerate(face.quadrics):
-            if quadric is None:
-                continue
-            if face.primitive_count > 1:
-                primitive_quadric[face_start[number] + primitive] = len(quadrics)
-            else:
-                face_code[number] = len(quadrics)
-            quadrics.append(quadric)
-    quadrics.append(_sphere(directory))
-    coefficients = np.array([quadric.coefficients for quadric in quadrics], np.float64)
-    axis = np.array([-1 if q.solve_axis is None else q.solve_axis for q in quadrics], np.int8)
+    shapes = np.diff(columns.first_shape)
+    several = columns.primitive_count > 1
+    several_shapes = several & (shapes > 0)
+    face_code = np.where(several, MANY - np.arange(n_faces), NO_SHAPE).astype(np.int32)
+    single = np.flatnonzero(~several & (shapes > 0))
+    rows = columns.quadric_row[columns.first_shape[single]]
+    face_code[single] = np.where(rows >= 0, rows, NO_SHAPE)
+    coefficients = np.vstack((columns.coefficients, _sphere(directory)))
+    axis = np.append(columns.axis[columns.axis != NO_QUADRIC], _SPHERE_AXIS).astype(np.int8)
     return ShapeTable(
-        solve=np.array([_in_order(row, a) for row, a in zip(coefficients, axis, strict=True)]),
+        solve=_in_order(coefficients, axis),
         gradient=coefficients,
         axis=axis,
         face_code=face_code,
-        first_primitive=table.first_primitive,
+        first_primitive=columns.first_primitive,
         face_start=face_start[:-1],
-        primitive_quadric=primitive_quadric,
-        complete=len(quadrics) == n_primitives + 1,
+        quadric_start=np.where(several_shapes, columns.first_shape[:-1], -1),
+        primitive_quadric=columns.quadric_row.astype(np.int32)
+        if several_shapes.any()
+        else np.empty(0, np.int32),
+        complete=len(coefficients) == n_primitives + 1,
         n_remembered=n_primitives if n_primitives <= MAX_REMEMBERED else 0,
     )
 
 
-def _sphere(directory: Directory) -> Quadric:
+def _sphere(directory: Directory) -> NDArray[np.float64]:
     """The bounding sphere as a quadric, its coefficients in float64 operations of fixed order."""
     x, y, z = directory.bounding_sphere.center
     radius = directory.bounding_sphere.radius
     constant = ((x * x + y * y) + z * z) - radius * radius
-    return Quadric(
-        coefficients=(1.0, 1.0, 1.0, 0.0, 0.0, 0.0, -2.0 * x, -2.0 * y, -2.0 * z, constant),
-        solve_axis=_SPHERE_AXIS,
-    )
+    return np.array((1.0, 1.0, 1.0, 0.0, 0.0, 0.0, -2.0 * x, -2.0 * y, -2.0 * z, constant))
 
 
-def _in_order(c: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
+def _in_order(c: NDArray[np.float64], axis: NDArray[np.int8]) -> NDArray[np.float64]:
     """Coefficients (aa, ab, ac, a, bb, cc, bc, b, c, 1), a the solved axis and b < c the others."""
-    a = max(int(axis), 0)
-    b, d = [k for k in range(3) if k != a]
-    mixed = {(0, 1): 3, (0, 2): 4, (1, 2): 5}
-
-    def cross(p: int, q: int) -> float:
-        return float(c[mixed[min(p, q), max(p, q)]])
-
-    return np.array(
-        [
-            c[a],
-            cross(a, b),
-            cross(a, d),
-            c[6 + a],
-            c[b],
-            c[d],
-            cross(b, d),
-            c[6 + b],
-            c[6 + d],
-            c[9],
-        ]
-    )
+    ordered = np.empty_like(c)
+    for a, (b, d) in enumerate(((1, 2), (0, 2), (0, 1))):
+        rows = np.maximum(axis, 0) == a
+        order = (a, 2 + a + b, 2 + a + d, 6 + a, b, d, 2 + b + d, 6 + b, 6 + d, 9)
+        ordered[rows] = c[rows][:, order]
+    return ordered
 
 
 @inline_kernel

@@ -1,15 +1,16 @@
 """One column and its compressed streams: byte planes, zstandard, checksums.
 
 A column of elements of k bytes becomes k streams, one per byte plane, or one stream of whole
-elements where these repeat. A plane whose bytes are all equal is stored as that byte; a plane that
-a trial shows to be incompressible is stored as it is; the rest goes through zstandard.
+elements where these repeat or are few. A plane whose bytes are all equal is stored as that byte; a
+plane that a trial shows to be incompressible is stored as it is; the rest goes through zstandard.
+A column of no rows has no stream.
 """
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import Any
 
@@ -19,7 +20,8 @@ import zstandard
 from numpy.typing import NDArray
 
 from raymap.errors import FormatError
-from raymap.layout import StreamEntry
+from raymap.layout import STREAM_ENTRY_SIZE, StreamEntry, pack_chunk_header
+from raymap.limits import JSON_FLOOR, JSON_PER_BYTE, affordable, may_expand, surplus
 from raymap.scratch import scratch
 
 __all__ = [
@@ -33,6 +35,7 @@ __all__ = [
     "decode_bytes",
     "decode_column",
     "decode_planes",
+    "is_known_type",
     "kind_of",
     "repeats_whole",
     "stream_rows",
@@ -63,6 +66,9 @@ _STRETCH = 4096
 _WORTHWHILE = 0.9
 _SMALL = 2**15
 _FEW = 64
+_FEW_BYTES = 2**14
+"""Columns of so many bytes are stored whole where the table of their planes would be longer."""
+_PATIENT = 9
 _BLOCK = 2**17
 _FRAME = bytes.fromhex("28B52FFD A0")
 """Magic number and the descriptor of a frame of one segment whose content size has 4 bytes."""
@@ -79,6 +85,9 @@ class Scope(IntEnum):
     POINT = 5
     MEETING = 6
 
+
+_BY_NAME = (Scope.RAY, Scope.RECORD)
+"""Scopes of columns that say by their being there that a portion has them, also without rows."""
 
 _local = threading.local()
 
@@ -110,6 +119,11 @@ def kind_of(dtype: np.dtype[Any]) -> int:
     raise KeyError(f"the format has no element type {dtype}")
 
 
+def is_known_type(dtype: np.dtype[Any]) -> bool:
+    """Whether columns of this type can be stored."""
+    return dtype.newbyteorder("<") in KINDS.values()
+
+
 @dataclass
 class StreamSet:
     """Streams of one chunk under construction.
@@ -128,26 +142,72 @@ class StreamSet:
     def stored_bytes(self) -> int:
         return sum(entry.stored_size for entry in self.entries)
 
-    def add(self, name: str, values: NDArray[Any], scope: Scope = Scope.OTHER) -> None:
-        """Encode a column; rows of a matrix stay together, its elements share the planes."""
+    def add(
+        self,
+        name: str,
+        values: NDArray[Any],
+        scope: Scope = Scope.OTHER,
+        *,
+        keep: bool = False,
+    ) -> None:
+        """Encode a column; rows of a matrix stay together, its elements share the planes.
+
+        Parameters
+        ----------
+        keep : store it also without rows, as its being there says something
+        """
         kind = kind_of(values.dtype)
         flat = np.ascontiguousarray(values, KINDS[kind]).reshape(-1)
+        if not flat.size and not keep and scope not in _BY_NAME:
+            return
         width = int(np.prod(values.shape[1:], dtype=np.int64))
         size = flat.dtype.itemsize
-        if self.raw or size > 8 or size == 1:
-            content = flat.view(np.uint8)
+        content = flat.view(np.uint8)
+        if self.raw or size > 8 or size == 1 or not flat.size:
             plane = 0 if size == 1 and not self.raw else WHOLE
             codec, stored = (STORED, content) if self.raw else compress_plane(content)
             if stored is content and np.may_share_memory(content, values):
                 # The caller may use its column again before the stream is written
                 stored = content.copy()
             self._append(name, kind, codec, plane, scope, width, content.size, stored)
-        else:
-            for plane, content in enumerate(_split(flat)):
-                codec, stored = compress_plane(content)
-                # The planes are this thread's scratch
+            return
+        planes = [compress_plane(plane) for plane in _split(flat)]
+        if content.size <= _FEW_BYTES:
+            codec, stored = compress_plane(content)
+            apart = sum(len(each) for _, each in planes) + (size - 1) * STREAM_ENTRY_SIZE
+            if len(stored) <= apart:
                 kept = content.copy() if stored is content else stored
-                self._append(name, kind, codec, plane, scope, width, content.size, kept)
+                self._append(name, kind, codec, WHOLE, scope, width, content.size, kept)
+                return
+        for plane, (codec, stored) in enumerate(planes):
+            # The planes are this thread's scratch
+            kept = stored.copy() if isinstance(stored, np.ndarray) else stored
+            self._append(name, kind, codec, plane, scope, width, flat.size, kept)
+
+    def add_smallest(self, name: str, values: NDArray[Any]) -> None:
+        """Encode a column that is written once, whole or by planes, with more patience."""
+        kind = kind_of(values.dtype)
+        flat = np.ascontiguousarray(values, KINDS[kind]).reshape(-1)
+        if not flat.size:
+            return
+        width = int(np.prod(values.shape[1:], dtype=np.int64))
+        content = flat.view(np.uint8)
+        planes = content.reshape(-1, flat.dtype.itemsize).T.copy()
+        if self.raw or len(planes) == 1 or _quickly(content) <= sum(map(_quickly, planes)):
+            codec, stored = self._patiently(content)
+            self._append(name, kind, codec, WHOLE, Scope.OTHER, width, content.size, stored)
+            return
+        for number, plane in enumerate(planes):
+            codec, stored = self._patiently(plane)
+            self._append(name, kind, codec, number, Scope.OTHER, width, plane.size, stored)
+
+    def _patiently(self, content: NDArray[np.uint8]) -> tuple[int, bytes | NDArray[np.uint8]]:
+        if self.raw:
+            return STORED, content.copy()
+        if int(content.min()) == int(content.max()):
+            return CONSTANT, bytes(content[:1])
+        packed = zstandard.ZstdCompressor(level=_PATIENT).compress(content.data)
+        return (ZSTD, packed) if len(packed) < content.size else (STORED, content.copy())
 
     def add_planes(
         self, name: str, dtype: Any, planes: Iterable[NDArray[np.uint8]], scope: Scope
@@ -202,10 +262,19 @@ class StreamSet:
     def add_bytes(self, name: str, data: bytes, level: int = 9) -> None:
         """Store opaque bytes (text) under one name."""
         packed = zstandard.ZstdCompressor(level=level).compress(data)
-        if self.raw or len(packed) >= len(data):
+        if (
+            self.raw
+            or len(packed) >= len(data)
+            or len(data) > affordable(len(packed), JSON_FLOOR, JSON_PER_BYTE)
+        ):
             self._append(name, 0, STORED, WHOLE, Scope.OTHER, 1, len(data), data)
         else:
             self._append(name, 0, ZSTD, WHOLE, Scope.OTHER, 1, len(data), packed)
+
+    def take(self, other: StreamSet, prefix: str) -> None:
+        """Repeat the streams of another chunk under longer names."""
+        self.entries += [replace(entry, name=prefix + entry.name) for entry in other.entries]
+        self.buffers += other.buffers
 
     def _append(
         self,
@@ -224,6 +293,46 @@ class StreamSet:
             StreamEntry(name, kind, codec, plane, int(scope), width, raw_size, size, digest)
         )
         self.buffers.append(stored)
+        if not may_expand(raw_size, size):
+            self._store_plainly(len(self.entries) - 1)
+
+    def chunk(self, tag: bytes, meta: bytes = b"", least: int = 0) -> list[Any]:
+        """The chunk as buffers to be written one after the other.
+
+        Parameters
+        ----------
+        least : bytes that it must have, for readers to trust what it declares
+
+        Raises
+        ------
+        LimitExceeded
+            It has more streams than a chunk may have.
+        """
+        while True:
+            missing = max(surplus(self._sizes(), self.stored_bytes), least - self.stored_bytes)
+            if missing <= 0:
+                break
+            # Give up the compression of the smallest stream that makes up for it
+            gains = [(e.raw_size - e.stored_size, k) for k, e in enumerate(self.entries)]
+            enough = [gain for gain in gains if gain[0] >= missing]
+            if not max(gains)[0]:
+                break
+            self._store_plainly(min(enough)[1] if enough else max(gains)[1])
+        return [pack_chunk_header(tag, meta, self.entries), *self.buffers]
+
+    def _sizes(self) -> list[tuple[int, int]]:
+        return [(entry.raw_size, entry.stored_size) for entry in self.entries]
+
+    def _store_plainly(self, number: int) -> None:
+        """Store the bytes of a stream as they are: it would expand to more than readers trust."""
+        entry = self.entries[number]
+        stored = self.buffers[number]
+        content = decode_bytes(entry, stored if isinstance(stored, bytes) else stored.tobytes())
+        data = content if isinstance(content, bytes) else content.tobytes()
+        self.entries[number] = replace(
+            entry, codec=STORED, stored_size=len(data), hash=xxhash.xxh3_64_intdigest(data)
+        )
+        self.buffers[number] = data
 
 
 def compress_plane(content: NDArray[np.uint8]) -> tuple[int, bytes | NDArray[np.uint8]]:
@@ -244,6 +353,11 @@ def compress_plane(content: NDArray[np.uint8]) -> tuple[int, bytes | NDArray[np.
             return STORED, content
     packed = compressor.compress(content.data)
     return (ZSTD, packed) if len(packed) < n * _WORTHWHILE else (STORED, content)
+
+
+def _quickly(content: NDArray[np.uint8]) -> int:
+    """About how many bytes a stream takes, with its row of the table."""
+    return STREAM_ENTRY_SIZE + len(_compressor().compress(content.data))
 
 
 def repeats_whole(column: NDArray[Any], planes: NDArray[np.uint8]) -> bool:

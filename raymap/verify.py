@@ -14,12 +14,13 @@ from raymap.agreement import FALSE_COUNTS, FALSE_RAYS, FalseFooter, difference, 
 from raymap.cells import is_pinhole
 from raymap.cellsums import Sums, count_meetings
 from raymap.checks import check_portion
-from raymap.chunks import Gap
+from raymap.chunks import Chunk, Gap
 from raymap.decoding import FOREIGN
-from raymap.description import read_channel_set, read_run
+from raymap.description import read_channel_set, read_directory, read_run
 from raymap.dictionary import PathMerger
 from raymap.directory import ChannelSet
 from raymap.errors import DamagedPortion, FormatError, InvalidPortion, RayMapError
+from raymap.footer import COPIED
 from raymap.layout import CHANNELS, DETECTOR, FILE_HEADER_SIZE, RUN
 from raymap.reader import Damage, RayMap
 from raymap.results import read_result
@@ -134,11 +135,17 @@ def _check_index(ray_map: RayMap) -> None:
     channel_sets: list[ChannelSet] = []
     runs: list[dict[str, Any]] = []
     found: list[int] = []
+    sizes = {p.offset: (p.index.size, p.index.head_size) for p in ray_map.portions}
+    sizes = {at: both for at, both in (ray_map.chunk_sizes | sizes).items() if all(both)}
     try:
+        _check_copy(ray_map, footer)
         for item in ray_map.file.walk(FILE_HEADER_SIZE, footer.offset):
             if isinstance(item, Gap):
                 raise FormatError(f"bytes {item.offset}–{item.end - 1} are no chunk")
             found.append(item.offset)
+            here = item.header.size, item.header.head_size
+            if sizes.get(item.offset, here) != here:
+                raise FormatError(f"it gives the chunk at byte {item.offset} another size")
             if item.tag == CHANNELS:
                 channel_sets.append(read_channel_set(ray_map.file, item))
             elif item.tag == RUN:
@@ -157,6 +164,16 @@ def _check_index(ray_map: RayMap) -> None:
     except FormatError as error:
         size = footer.header.size
         ray_map.note_damage(Damage(None, footer.offset, size, f"footer: {error}"))
+
+
+def _check_copy(ray_map: RayMap, footer: Chunk) -> None:
+    """Compare the directory that the footer repeats with the one that the map begins with."""
+    if f"{COPIED}json" not in footer.by_name:
+        return
+    first = ray_map.file.chunk_at(FILE_HEADER_SIZE, ray_map.bytes)
+    own = read_directory(ray_map.file, first)
+    if read_directory(ray_map.file, footer, COPIED) != own:
+        raise FormatError("its copy of the directory is another one")
 
 
 def _check_results(ray_map: RayMap, counted: dict[tuple[int, int], tuple[Sums, Sums]]) -> None:

@@ -15,13 +15,28 @@ from numpy.typing import NDArray
 
 from raymap.appender import ChunkAppender
 from raymap.checks import check_portion
-from raymap.description import pack_channel_set, pack_directory, pack_run
+from raymap.description import (
+    directory_streams,
+    pack_channel_set,
+    pack_directory,
+    pack_run,
+)
 from raymap.dictionary import PathMerger
 from raymap.directory import ChannelSet, Directory, DisplayMesh
 from raymap.encoder import EncodedPortion, PortionEncoder
-from raymap.errors import InvalidPortion, RayMapError
-from raymap.footer import Footer, IndexEntry, pack_footer
-from raymap.layout import CHANNELS, DETECTOR, DIRECTORY, FILE_HEADER_SIZE, RUN, pack_file_header
+from raymap.errors import InvalidPortion, LimitExceeded, RayMapError
+from raymap.footer import Footer, IndexEntry, pack_footer, pack_merged
+from raymap.layout import (
+    CHANNELS,
+    DETECTOR,
+    DIRECTORY,
+    FILE_HEADER_SIZE,
+    PATHS,
+    RUN,
+    VERSION,
+    pack_file_header,
+)
+from raymap.limits import MAX_CHANNEL_SETS, MAX_DESCRIBED
 from raymap.portion import Portion
 from raymap.results import DetectorResult, pack_result
 
@@ -62,6 +77,8 @@ class RayMapWriter:
         self._merger = state.merger
         self._local_to_global = state.local_to_global
         self._channel_sets = state.channel_sets
+        self._version = state.version
+        self._described = state.described
         self._results: dict[tuple[int, int], DetectorResult] = {}
         self._pending: dict[int, EncodedPortion] = {}
         self._pending_bytes = 0
@@ -112,11 +129,12 @@ class RayMapWriter:
         try:
             packed = pack_directory(directory, meshes or {})
             appender.append([pack_file_header(), *packed])
+            sizes = {FILE_HEADER_SIZE: (appender.end - FILE_HEADER_SIZE, len(packed[0]))}
         except BaseException:
             appender.close()
             Path(path).unlink(missing_ok=True)
             raise
-        footer = Footer(chunks=[(FILE_HEADER_SIZE, DIRECTORY)])
+        footer = Footer(chunks=[(FILE_HEADER_SIZE, DIRECTORY)], sizes=sizes)
         state = WriterState(footer=footer, first_ray=first_ray)
         return cls(appender, directory, raw=raw, compact=compact, trusted=trusted, state=state)
 
@@ -194,7 +212,12 @@ class RayMapWriter:
         with self._turn:
             if channel_set in self._channel_sets and not again:
                 return self._channel_sets.index(channel_set)
-            self._append(CHANNELS, pack_channel_set(channel_set))
+            if len(self._channel_sets) >= MAX_CHANNEL_SETS:
+                raise LimitExceeded(
+                    f"{self.path} has {MAX_CHANNEL_SETS} channel sets, more cannot be numbered: "
+                    "write a new map"
+                )
+            self._describe(CHANNELS, pack_channel_set(channel_set))
             self._channel_sets.append(channel_set)
             return len(self._channel_sets) - 1
 
@@ -210,14 +233,14 @@ class RayMapWriter:
                 "first_portion": self._next_portion,
                 "first_ray": self._next_ray,
             }
-            self._append(RUN, pack_run(run))
+            self._describe(RUN, pack_run(run))
             self._footer.runs.append(run)
             self._run_first = self._next_portion
 
     def copy_run(self, run: Mapping[str, Any]) -> None:
         """Take over a run from another map as it is described there."""
         with self._turn:
-            self._append(RUN, pack_run(run))
+            self._describe(RUN, pack_run(run))
             self._footer.runs.append(dict(run))
 
     def copy_chunk(self, tag: bytes, data: bytes) -> None:
@@ -356,10 +379,9 @@ class RayMapWriter:
             self._footer.channel_sets = [each.model_dump() for each in self._channel_sets]
             try:
                 self._write_results()
-                merged = self._merger.dictionary()
-                self._written += self._appended(
-                    pack_footer(self._footer, merged, self._local_to_global)
-                )
+                self._append(PATHS, pack_merged(self._merger.dictionary(), self._local_to_global))
+                directory = directory_streams(self.directory)
+                self._written += self._appended(pack_footer(self._footer, directory, self._version))
                 self._appender.sync()
             finally:
                 self.close()
@@ -382,8 +404,21 @@ class RayMapWriter:
     def _append(self, tag: bytes, buffers: list[Any]) -> None:
         self._check_open()
         offset = self._appender.end
-        self._written += self._appended(buffers)
+        written = self._appended(buffers)
+        self._written += written
         self._footer.chunks.append((offset, tag))
+        self._footer.sizes[offset] = written, len(buffers[0])
+
+    def _describe(self, tag: bytes, buffers: list[Any]) -> None:
+        """Append what the footer will repeat, as far as a footer can hold it."""
+        size = sum(len(buffer) for buffer in buffers)
+        if self._described + size > MAX_DESCRIBED:
+            raise LimitExceeded(
+                f"{self.path}: its channel sets and runs take more than {MAX_DESCRIBED} bytes: "
+                "write a new map"
+            )
+        self._append(tag, buffers)
+        self._described += size
 
     def _appended(self, buffers: list[Any]) -> int:
         offset = self._appender.append(buffers)
@@ -401,7 +436,8 @@ class RayMapWriter:
         offset = self._appender.end
         self._written += self._appended(encoded.buffers)
         encoded.release()
-        self._footer.portions.append(IndexEntry(offset, encoded.size, meta))
+        head_size = encoded.head_size
+        self._footer.portions.append(IndexEntry(offset, encoded.size, meta, head_size))
         self._local_to_global.append(
             None if encoded.paths is None else self._merger.add(encoded.paths)
         )
@@ -424,3 +460,5 @@ class WriterState:
     local_to_global: list[NDArray[np.int32] | None] = dataclasses.field(default_factory=list)
     channel_sets: list[ChannelSet] = dataclasses.field(default_factory=list)
     first_ray: int = 0
+    version: tuple[int, int] = VERSION
+    described: int = 0

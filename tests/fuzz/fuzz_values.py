@@ -35,12 +35,13 @@ import xxhash  # noqa: E402
 import raymap  # noqa: E402
 from query import parse, path_table, select  # noqa: E402
 from raymap.chunks import MapFile  # noqa: E402
-from raymap.footer import TAIL_MAGIC  # noqa: E402
 from raymap.layout import (  # noqa: E402
     FILE_HEADER_SIZE,
     FOOTER,
     PORTION,
+    TAIL_MAGIC,
     StreamEntry,
+    header_size,
     pack_chunk_header,
     pack_file_header,
 )
@@ -81,6 +82,9 @@ _STATED_TWICE = (
     "portion.first_ray",
     "portion.offset",
     "portion.size",
+    "portion.head_size",
+    "chunk.size",
+    "chunk.head_size",
     "portion.flags",
     "local_to_global",
     "chunk.offset",
@@ -135,12 +139,12 @@ def take_apart(path: Path) -> list[Part]:
 def put_together(parts: list[Part]) -> bytes:
     """A map with sound checksums, sizes, and an index that says where the chunks stand."""
     out = bytearray(pack_file_header())
-    places: dict[int, tuple[int, int]] = {}
+    places: dict[int, tuple[int, int, int]] = {}
     for part in parts:
         if part.tag == FOOTER:
             continue
         packed = _pack(part)
-        places[part.offset] = len(out), len(packed)
+        places[part.offset] = len(out), len(packed), header_size(packed)
         out += packed
     for part in parts:
         if part.tag == FOOTER:
@@ -163,23 +167,25 @@ def _pack(part: Part) -> bytes:
     return pack_chunk_header(part.tag, part.meta, entries) + b"".join(buffers)
 
 
-def _pack_footer(part: Part, places: dict[int, tuple[int, int]]) -> bytes:
+def _pack_footer(part: Part, places: dict[int, tuple[int, int, int]]) -> bytes:
     """The footer with the places of the chunks as they are now; changed ones stay changed."""
     moved = dataclasses.replace(
         part,
         streams=[dataclasses.replace(each, values=each.values.copy()) for each in part.streams],
     )
     by_name = {stream.name: stream for stream in moved.streams}
-    for name, size_name in (("portion.offset", "portion.size"), ("chunk.offset", None)):
-        stream = by_name.get(name)
+    for kind in ("portion", "chunk"):
+        stream = by_name.get(f"{kind}.offset")
         if stream is None:
             continue
         for row, old in enumerate(stream.values.tolist()):
-            if old in places:
-                stream.values[row] = places[old][0]
-                sizes = by_name.get(size_name or "")
+            if old not in places:
+                continue
+            stream.values[row] = places[old][0]
+            for number, name in ((1, "size"), (2, "head_size")):
+                sizes = by_name.get(f"{kind}.{name}")
                 if sizes is not None and row < len(sizes.values) and sizes.values[row] == 0:
-                    sizes.values[row] = places[old][1]
+                    sizes.values[row] = places[old][number]
     moved.streams = [stream for stream in moved.streams if stream.name != "tail"]
     tail = Stream("tail", 0, 0, 1, np.zeros(24, np.uint8))
     moved.streams.append(tail)
@@ -196,7 +202,7 @@ class Seed:
         self.name, self.parts = name, take_apart(path)
         for part in self.parts:
             for stream in part.streams if part.tag == FOOTER else ():
-                if stream.name == "portion.size":
+                if stream.name.endswith(("n.size", "k.size", ".head_size")):
                     stream.values = np.zeros_like(stream.values)
 
 
@@ -280,6 +286,8 @@ def change(parts: list[Part], dice: random.Random) -> Change:
         part.meta = bytes(meta)[: len(part.meta)]
         return Change(part.tag, "", place, number)
     usual = [stream for stream in part.streams if stream.name != "tail"]
+    if not usual:
+        return Change(part.tag, "", -1, number)
     stream = dice.choice(usual)
     if stream.name in _JSON:
         _change_text(stream, dice)

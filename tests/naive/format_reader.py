@@ -15,14 +15,17 @@ def read_map(path):
     """(directory, channel sets, portions); a portion is a dict of columns."""
     with open(path, "rb") as file:
         data = file.read()
-    assert data[:14] == b"\x89RAYMAP\r\n\x1a\n\0\1\0"
+    assert data[:12] == b"\x89RAYMAP\r\n\x1a\n\0"
+    assert data[12] in (1, 2)  # the major version
     directory, channels, portions, offset = {}, [], [], 16
     while offset < len(data):
         tag, meta, streams, offset = read_chunk(data, offset)
         if tag == b"RMAP:DIR":
-            directory = json.loads(streams["json"].tobytes())
+            directory = text(streams, "json")
+            if data[12] == 2:
+                directory["objects"] = objects(streams)
         elif tag == b"RMAP:CHN":
-            channels.append(json.loads(streams["json"].tobytes()))
+            channels.append(text(streams, "json"))
         elif tag == b"RMAP:POR":
             portions.append(read_portion(directory, channels, meta, streams))
     return directory, channels, portions
@@ -33,7 +36,7 @@ def read_chunk(data, start):
     table, offset = start + 32 + meta_size, start + 32 + meta_size + 64 * n_streams
     head = data[start : start + 24] + data[start + 32 : offset]
     assert xxhash.xxh3_64_intdigest(head) == checksum
-    columns = {}
+    columns = Columns()
     for row in struct.iter_unpack("<32sBBBBIQQQ", data[table:offset]):
         name, kind, codec, plane, _, width, raw, stored, digest = row
         content = data[offset : offset + stored]
@@ -48,6 +51,46 @@ def read_chunk(data, start):
         column.reshape(-1).view(np.uint8)[plane % 255 :: step] = content
     assert offset == start + size
     return tag, data[start + 32 : table], columns, offset
+
+
+class Columns(dict):
+    """Columns by name; one that is not there has no rows."""
+
+    def __missing__(self, name):
+        return np.empty(0, "u1")
+
+
+def text(streams, name):
+    return json.loads(streams[name].tobytes()) if name in streams else []
+
+
+def objects(streams):
+    """The columns of version 2 as the list of objects of version 1."""
+    names, kinds = text(streams, "face.names"), ("face.name", "face.surface", "face.primitives")
+    axes, quadrics = iter(streams["shape.axis"]), iter(streams["shape.quadric"])
+    faces, every, first = [], [], 0
+    for row, shapes in enumerate(streams["face.shapes"]):
+        number, surface, count = (int(streams[kind][row]) for kind in kinds)
+        face = {"name": names[number], "surface": surface, "primitive_count": count}
+        taken = [int(next(axes)) for _ in range(shapes)]
+        face["quadrics"] = [
+            None
+            if a == -2
+            else {"coefficients": next(quadrics), "solve_axis": None if a < 0 else a}
+            for a in taken
+        ]
+        faces.append(face)
+    for row, further in text(streams, "face.further"):
+        faces[row] |= further
+    for name, count in zip(text(streams, "object.names"), streams["object.faces"], strict=True):
+        own, first = faces[first : first + count], first + int(count)
+        ends = np.cumsum([face["primitive_count"] for face in own])
+        for face, end in zip(own, ends, strict=True):
+            face["first_primitive"] = int(end) - face["primitive_count"]
+        every.append({"name": name, "faces": own})
+    for row, further in text(streams, "object.further"):
+        every[row] |= further
+    return every
 
 
 def zigzag(column):
@@ -72,7 +115,7 @@ def read_portion(directory, channels, meta, streams):
     for name in ("object", "face", "event", "medium", "detector", "registered"):
         out[name] = streams[f"path.{name}"][meet if name[-2:] in ("or", "ed") else rows]
     faces = [f for o in directory.get("objects", []) for f in o.get("faces", [])]
-    explicit, out["triangle"] = iter(streams.get("triangle", ())), np.full(n_records, -1)
+    explicit, out["triangle"] = iter(streams["triangle"]), np.full(n_records, -1)
     for i, f in enumerate(out["face"]):
         if out["object"][i] >= 0:
             several = f < 0 or faces[f].get("primitive_count", 1) > 1
@@ -114,8 +157,8 @@ def positions(directory, shapes, flags, streams):
     constant = ((x * x + y * y) + z * z) - sphere.get("radius", 1.0) ** 2
     ball = ("sphere", (1.0, 1.0, 1.0, 0, 0, 0, -2 * x, -2 * y, -2 * z, constant), 2)
     stored = [iter(streams[f"position.{axis}"]) for axis in "xyz"]
-    residual = iter(zigzag(streams.get("position.residual", ())))
-    roots, last = iter(streams.get("position.root", ())), {}
+    residual = iter(zigzag(streams["position.residual"]))
+    roots, last = iter(streams["position.root"]), {}
     out = np.empty((len(shapes), 3), np.float32)
     for i, kind in enumerate(shapes):
         key, q, axis = None, None, None
@@ -186,7 +229,7 @@ def rounded(x, low, high):
 
 def descriptors(directory, flags, streams, out):
     names, n = ("cell_u", "cell_v", "cosine", "u", "v"), len(out["detector"])
-    stored = {k: streams.get(f"descriptor.{k}", out["emitted"][:0]).astype(int) for k in names}
+    stored = {k: streams[f"descriptor.{k}"].astype(int) for k in names}
     record = np.repeat(np.arange(len(out["event"])), out["descriptor_count"])
     for k in range(n) if flags & 128 else ():
         detector = directory["detectors"][out["detector"][k]]

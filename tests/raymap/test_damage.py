@@ -254,8 +254,10 @@ def test_files_that_are_no_ray_maps(tmp_path):
 def test_a_newer_major_version_is_refused_by_name(sound, tmp_path):
     data, _ = sound
     path = tmp_path / "a.raymap"
-    path.write_bytes(data[:12] + struct.pack("<H", 2) + data[14:])
-    with pytest.raises(raymap.UnsupportedVersion, match="version 2"):
+    path.write_bytes(data[:12] + struct.pack("<H", 3) + data[14:])
+    with pytest.raises(
+        raymap.UnsupportedVersion, match="version 3, this program reads versions 1 to 2"
+    ):
         raymap.open(path)
     # A newer minor version is read
     path.write_bytes(data[:14] + struct.pack("<H", 7) + data[16:])

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import struct
 import subprocess
 import sys
 import tracemalloc
@@ -15,13 +16,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xxhash
+import zstandard
 
 import query
 import raymap
 import raymap.reader
 from raymap.compilecache import fingerprint
-from raymap.layout import DIRECTORY, FILE_HEADER_SIZE, FOOTER, PORTION, pack_chunk_header
-from raymap.streams import StreamSet
+from raymap.layout import DIRECTORY, FOOTER, MAGIC, PATHS, PORTION, StreamEntry, pack_chunk_header
+from raymap.streams import WHOLE, ZSTD
 from raymap.verify import verify
 from tests.fuzz.fuzz_values import Seed, put_together
 from tests.raymap.maps import small_directory, write_small
@@ -49,8 +52,8 @@ def _answers(path, **options):
 
 
 def _lie(seed, where):
-    """Change a value of the footer so that the index alone cannot tell."""
-    [footer] = _columns(seed, FOOTER)
+    """Change a value of the merged dictionary so that the index alone cannot tell."""
+    [footer] = _columns(seed, PATHS)
     if where == "lengths":
         # A path takes a point from the next one: compiled loops would leave the records
         lengths = footer["path.length"].values
@@ -136,7 +139,7 @@ def test_counts_of_a_portion_are_counted_and_not_believed(sound, tmp_path):
     for portion in _columns(sound, PORTION):
         rays = portion["path.rays"].values
         rays[0], rays[1] = rays[0] + 1, rays[1] - 1
-    [footer] = _columns(sound, FOOTER)
+    [footer] = _columns(sound, PATHS)
     rays = footer["path.rays"].values
     rays[0], rays[1] = rays[0] + 3, rays[1] - 3
     path = tmp_path / "false.raymap"
@@ -250,15 +253,14 @@ def test_a_scene_without_an_equation_is_refused(tmp_path):
 
 
 def _forged_text(tmp_path, text):
-    """A map whose directory is another text, well packed."""
-    write_small(tmp_path / "sound.raymap", n_portions=1, n_rays=5)
-    seed = Seed("text", tmp_path / "sound.raymap")
-    data = bytearray(put_together(seed.parts[:1]))
-    streams = StreamSet()
-    streams.add_bytes("json", text)
-    chunk = pack_chunk_header(DIRECTORY, b"", streams.entries) + b"".join(streams.buffers)
+    """A map of version 1 whose directory is another text, well packed."""
+    packed = zstandard.compress(text, 9)
+    entry = StreamEntry(
+        "json", 0, ZSTD, WHOLE, 0, 1, len(text), len(packed), xxhash.xxh3_64_intdigest(packed)
+    )
     path = tmp_path / "false.raymap"
-    path.write_bytes(data[:FILE_HEADER_SIZE] + chunk)
+    first = MAGIC + struct.pack("<HH", 1, 0)
+    path.write_bytes(first + pack_chunk_header(DIRECTORY, b"", [entry]) + packed)
     return path
 
 
@@ -269,25 +271,11 @@ def _forged_text(tmp_path, text):
         b'{"sources": [{"name": "a"}], "objects": [{"name": "o", "faces": ['
         + b"1," * 1_500_000
         + b"1]}]}",
-        json.dumps(
-            {
-                "sources": [{"name": "a"}],
-                "objects": [
-                    {
-                        "name": "o",
-                        "faces": [
-                            {"name": "f", "primitive_count": 2, "quadrics": [None, None]},
-                            {"name": "g", "first_primitive": 2, "primitive_count": 2**31 - 3},
-                        ],
-                    }
-                ],
-            }
-        ).encode(),
     ],
-    ids=["long text", "many complaints", "table of primitives"],
+    ids=["long text", "many complaints"],
 )
 def test_a_small_file_costs_little(tmp_path, text):
-    """120 MB of lists in 15 kB, a million complaints, and 2^31 primitives are refused at once."""
+    """120 MB of lists in 15 kB and a million complaints are refused at once."""
     path = _forged_text(tmp_path, text)
     del text
     tracemalloc.start()
@@ -299,20 +287,22 @@ def test_a_small_file_costs_little(tmp_path, text):
     assert len(str(refused.value)) < 500
 
 
-def test_the_writer_refuses_what_the_reader_would(tmp_path):
+@pytest.mark.parametrize("quadrics", [(), (None, None)], ids=["plain", "quadrics"])
+def test_primitives_cost_nothing_that_nobody_met(tmp_path, quadrics):
+    """A face of 2^31 primitives beside one with a quadric for each of several."""
     faces = (
-        raymap.Face(name="f", primitive_count=2, quadrics=(None, None)),
+        raymap.Face(name="f", primitive_count=2, quadrics=quadrics),
         raymap.Face(name="g", first_primitive=2, primitive_count=2**31 - 3),
     )
     directory = small_directory(objects=(raymap.SceneObject(name="o", faces=faces),))
-    with pytest.raises(raymap.LimitExceeded, match="a directory of"):
-        raymap.RayMapWriter.create(tmp_path / "a.raymap", directory)
-    # Without quadrics of single primitives there is no table, and no limit to it
-    single = raymap.Face(name="g", primitive_count=2**31 - 1)
-    directory = small_directory(objects=(raymap.SceneObject(name="o", faces=(single,)),))
-    raymap.RayMapWriter.create(tmp_path / "b.raymap", directory).finish()
-    with raymap.open(tmp_path / "b.raymap") as ray_map:
-        assert ray_map.directory.faces.primitive_count.tolist() == [2**31 - 1]
+    path = tmp_path / "a.raymap"
+    tracemalloc.start()
+    raymap.RayMapWriter.create(path, directory).finish()
+    with raymap.open(path) as ray_map:
+        assert ray_map.directory.faces.primitive_count.tolist() == [2, 2**31 - 3]
+        assert len(ray_map.shapes.primitive_quadric) == len(quadrics)
+    assert tracemalloc.get_traced_memory()[1] < 64 * 2**20
+    tracemalloc.stop()
 
 
 def test_values_that_nobody_foresaw_are_damage_of_the_portion(tmp_path, monkeypatch):
