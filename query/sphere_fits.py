@@ -24,6 +24,8 @@ Span = tuple[float, float]
 
 _FIRST, _LARGEST = 1.6, math.radians(50.0)
 """Radius of the first window in cells, and of the last."""
+_MOST_ROWS = 100
+"""Rows that the radius of a window spans at most."""
 _AROUND, _WITHIN = 72, 3
 """Parts that a circle of cells and a row are divided into."""
 _MANY = 30.0
@@ -171,7 +173,7 @@ class _Grid:
         self.parts = max(1, -(-_AROUND // n_c))
         edges = self.low + self.step * np.arange(n_gamma + 1)
         self.solid: Floats = (np.cos(edges[:-1]) - np.cos(edges[1:])) * 2.0 * np.pi / n_c
-        self.largest = max(_LARGEST, 4.0 * self.step)
+        self.largest = max(min(_LARGEST, _MOST_ROWS * self.step), 4.0 * self.step)
         self.n_levels = 1 + int(2.0 * math.log2(max(self.largest / (_FIRST * self.step), 2.0)))
         self._kept: dict[int, list[_Block]] = {}
 
