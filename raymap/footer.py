@@ -338,7 +338,9 @@ def read_merged(
         sum_w2=file.column(chunk, "path.sum_w2", n, np.float64),
         sum_wc=tuple(sets),
         sum_wy2=(
-            file.column(chunk, "path.sum_wy2", n, np.float64) if "path.sum_wy2" in names else None
+            file.column(chunk, "path.sum_wy2", n, np.float64)
+            if "path.sum_wy2" in chunk.by_name
+            else None
         ),
         grouped=bool(file.column(chunk, "path.grouped", 1, np.bool_)[0]),
     )

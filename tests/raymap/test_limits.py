@@ -46,7 +46,11 @@ def _names(draw, count):
     stem = draw(
         st.one_of(
             st.just(""),
-            st.text(st.characters(exclude_categories=["Cc", "Cf", "Cs", "Zl", "Zp"]), min_size=1, max_size=40),
+            st.text(
+                st.characters(exclude_categories=["Cc", "Cf", "Cs", "Zl", "Zp"]),
+                min_size=1,
+                max_size=40,
+            ),
             st.just("\N{GRINNING FACE}" * (limits.MAX_NAME - 8 if count <= 342 else 1)),
         )
     )
