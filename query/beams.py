@@ -114,8 +114,8 @@ def beam_of(image: DetectorImage, density: Floats) -> Beam:
 def _fewer_cells(flux: Floats, variance: Floats) -> tuple[Floats, Floats]:
     """The light in as few cells as its beam needs: work grows with their cube.
 
-    Cells are joined evenly, in C to no fewer than 36, in gamma as long as the rows above half of the
-    brightest are at least six.
+    Cells are joined evenly, in C to no fewer than 36, in gamma as long as the rows above half of
+    the brightest are at least six.
     """
     n_gamma, n_c = flux.shape
     wide = _divisor(n_c, _MOST_AROUND)
