@@ -120,7 +120,14 @@ def test_only_the_needed_bytes_come_over(folder: Path, web: str) -> None:
     size = path.stat().st_size
     assert size > 8 * BLOCK
     with raymap.open(f"{web}/shards/0.raymap") as there:
-        # Opening and the path dictionary: the head, the footer
+        # Opening: the last block, in which the footer repeats the directory
+        assert there.file.bytes.requests == 1
+        assert there.bytes_read == BLOCK
+        with raymap.open(path) as here:
+            assert there.directory == here.directory
+            assert there.describe() | {"verified": 0} == here.describe() | {"verified": 0}
+        assert there.file.bytes.requests == 1
+        # The path dictionary, if it does not lie in that block, and a portion's table
         assert there.merged is not None
         opened = there.bytes_read
         assert opened == RangeHandler.sent
