@@ -252,3 +252,35 @@ def test_a_lens_without_a_rim_has_a_black_one() -> None:
     faces = found.compilation.directory.objects[0].faces
     surface = found.compilation.directory.surfaces[faces[2].surface]
     assert (faces[2].name, surface.name) == ("rim", "absorber")
+
+
+def _many(kind, table, count):
+    head = '[sources.s]\nkind = "collimated"\ndirection = [0, 0, 1]\ndiameter = 1\n'
+    copies = "copies = {{ count = {}, step = [5, 0, 0] }}\n"
+    parts = [f"[{kind}.{name}]\n{table}{copies.format(n)}" for name, n in count.items()]
+    return head + '[surfaces.w]\nkind = "absorber"\n' + "\n".join(parts)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            _many(
+                "bodies",
+                'kind = "disc"\nouter = 1\nsurface = "w"\n',
+                dict.fromkeys("abcd", 10_000),
+            ),
+            "there are 40000 bodies and blocking detectors; a ray map numbers at most 32767",
+        ),
+        (
+            _many("bodies", 'kind = "disc"\nouter = 1\nsurface = "w"\n', {"x" * 1100: 2}),
+            "names have 1 to 1024 characters",
+        ),
+    ],
+    ids=["bodies", "names"],
+)
+def test_more_than_a_map_can_number_is_refused_before_it_is_compiled(tmp_path, text, words):
+    path = tmp_path / "many.toml"
+    path.write_text(text)
+    with pytest.raises(SceneError, match=words):
+        compile_scene(load_scene(path))

@@ -20,6 +20,8 @@ from raymap.directory import (
     Surface,
 )
 from raymap.errors import SceneError
+from raymap.limits import MAX_INDEX, MAX_NAME
+from raymap.plaintext import plain_text
 from tracer.geometry.kinds import ANNULUS, CYLINDER, MESH, RECTANGLE, SPHERE
 from tracer.geometry.shape_columns import ShapeColumns
 from tracer.named_files import named_file
@@ -102,6 +104,7 @@ class _Compiler:
         self.media = medium_table(scene, self.wavelengths)
         self.faces = FaceTable(scene)
         self.bodies = self.faces.bodies
+        self._check_counts()
         for name, body in self.bodies.items():
             if body.medium is not None:
                 self.media.number(body.medium, f"bodies.{name}.medium")
@@ -109,6 +112,26 @@ class _Compiler:
 
     def fail(self, key: str, message: str) -> SceneError:
         return SceneError(f"{self.scene.origin}: {key}: {message}")
+
+    def _check_counts(self) -> None:
+        """Refuse what a map cannot number before anything is worked out for it."""
+        scene = self.scene
+        blocking = sum(detector.blocking for detector in scene.detectors.values())
+        for key, count, what in (
+            ("bodies", len(self.bodies) + blocking, "bodies and blocking detectors"),
+            ("sources", len(scene.sources), "sources"),
+            ("detectors", len(scene.detectors), "detectors"),
+            ("media", len(scene.media), "media"),
+            ("surfaces", len(scene.surfaces), "surfaces"),
+        ):
+            if count > MAX_INDEX:
+                raise self.fail(
+                    key, f"there are {count} {what}; a ray map numbers at most {MAX_INDEX}"
+                )
+        for key in ("bodies", "sources", "detectors", "media", "surfaces"):
+            for name in getattr(scene, key):
+                if not 0 < len(plain_text(name)) <= MAX_NAME:
+                    raise self.fail(key, f"names have 1 to {MAX_NAME} characters, not {len(name)}")
 
     def compile(self) -> Compilation:
         scene, faces = self.scene, self.faces
