@@ -255,7 +255,8 @@ def test_a_lens_without_a_rim_has_a_black_one() -> None:
 
 
 def _many(kind, table, count):
-    head = '[sources.s]\nkind = "collimated"\ndirection = [0, 0, 1]\ndiameter = 1\n'
+    source = '[sources.s]\nkind = "collimated"\ndirection = [0, 0, 1]\ndiameter = 1\n'
+    head = f'length_unit = "mm"\n{source}'
     copies = "copies = {{ count = {}, step = [5, 0, 0] }}\n"
     parts = [f"[{kind}.{name}]\n{table}{copies.format(n)}" for name, n in count.items()]
     return head + '[surfaces.w]\nkind = "absorber"\n' + "\n".join(parts)
