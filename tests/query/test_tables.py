@@ -10,6 +10,7 @@ import pytest
 
 import query
 from query import select
+from query.doubt import FOOTNOTE, is_doubtful
 from query.terminal import _shorter
 from raymap import RayMapError
 from raymap.events import FAMILIES, Event
@@ -57,6 +58,8 @@ def test_a_table_prints_as_a_table(map: Any) -> None:
     head, *lines = str(table).splitlines()
     rows = table.rows(20)
     assert head.split()[0] == "rays"
+    if any(is_doubtful(row.flux, row.flux_se) for row in rows):
+        assert lines.pop() == FOOTNOTE
     assert len(lines) == len(rows)
     for row, line in zip(rows, lines, strict=True):
         assert line.split()[0] == f"{row.rays:,}"
