@@ -59,11 +59,11 @@ def test_far_field_of_a_lambertian_face_is_the_cosine_law(tmp_path: Path) -> Non
     # I = flux cos / pi, averaged over the solid angle of each band
     squares = np.sin(np.minimum(edges, math.pi / 2)) ** 2 / 2
     mean = 10.0 / math.pi * np.diff(squares) / (np.cos(edges[:-1]) - np.cos(edges[1:]))
-    agree(far.intensity, far.density_se, np.repeat(mean[:, None], 12, axis=1))
+    agree(far.candela, far.density_se, np.repeat(mean[:, None], 12, axis=1))
     assert far.total == pytest.approx(10.0)
     assert far.density_unit == "cd"
-    assert not far.intensity[9:].any()
-    assert (far.intensity * cell_measure(far.detector, "mm").values).sum() == pytest.approx(10.0)
+    assert not far.candela[9:].any()
+    assert (far.candela * cell_measure(far.detector, "mm").values).sum() == pytest.approx(10.0)
     with pytest.raises(RayMapError, match="it has no irradiance; ask for its intensity"):
         _ = far.irradiance
 
@@ -103,7 +103,7 @@ gamma_deg = [0, 100]
     values = grid.at(fine_g[:, None], fine_c[None, :]) * np.sin(np.radians(fine_g))[:, None]
     weight = np.sin(np.radians(fine_g)).reshape(20, 20).sum(axis=1)[:, None] * 20
     expected = values.reshape(20, 20, 8, 20).sum(axis=(1, 3)) / weight * 100 / grid.flux
-    agree(far.intensity, far.density_se, expected)
+    agree(far.candela, far.density_se, expected)
 
 
 WALL = """
@@ -354,10 +354,11 @@ def test_every_file_format_holds_the_same_picture(tmp_path: Path) -> None:
     run = CliRunner()
     for name in ("a.png", "a.tiff", "a.exr", "a.csv", "a.npy"):
         asked = ["image", str(tmp_path / "a.raymap"), "far", "-o", str(tmp_path / name)]
-        result = run.invoke(application(), [*asked, "--kind", "intensity", "--json"])
+        result = run.invoke(application(), [*asked, "--kind", "candela", "--json"])
         assert result.exit_code == 0, result.stderr
     answer = json.loads(result.stdout)
-    assert answer["quantity"] == "illuminance" or answer["peak_unit"] == "cd"
+    assert answer["quantity"] == "candela"
+    assert answer["peak_unit"] == "cd"
     values = np.load(tmp_path / "a.npy")
     tifffile = pytest.importorskip("tifffile")
     assert np.allclose(tifffile.imread(tmp_path / "a.tiff")[::-1], values, rtol=1e-6)
