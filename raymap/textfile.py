@@ -1,13 +1,17 @@
-"""Text of files that other programs wrote: encodings, line ends, what old systems put behind it."""
+"""Text of files that other programs wrote: encodings, line ends, what stands behind, numbers."""
 
 from __future__ import annotations
 
 import codecs
 import re
 
-__all__ = ["decode_text", "text_lines"]
+__all__ = ["decode_text", "plain_number", "split_lines", "text_lines"]
 
+_CLOSING = "\0\x1a"
 _LINE_END = re.compile(r"\r\n|\r|\n")
+_NUMBER = re.compile(
+    r"[-+]?((\d+\.?\d*|\.\d+)([eEdD][-+]?\d+)?|inf(inity)?|nan)", re.IGNORECASE | re.ASCII
+)
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
     (codecs.BOM_UTF16_LE, "utf-16"),
@@ -21,16 +25,22 @@ def decode_text(raw: bytes) -> str:
     A closing Ctrl-Z (the end of a text file under DOS and CP/M) and the NUL bytes with which some
     programs fill a block are not part of it.
     """
-    return _decode(raw).rstrip("\0\x1a")
+    text = _decode(raw)
+    ended = text.rstrip(_CLOSING + " \t\r\n")
+    return ended if any(mark in text[len(ended) :] for mark in _CLOSING) else text
 
 
 def text_lines(raw: bytes) -> list[str]:
+    """Lines of a file's text, as `decode_text` and `split_lines` have them."""
+    return split_lines(decode_text(raw))
+
+
+def split_lines(text: str) -> list[str]:
     r"""Lines of a text, ended by CR, LF or both and by nothing else.
 
     `str.splitlines` ends lines at further characters, among them U+0085, which is a letter in other
     encodings of one byte.
     """
-    text = decode_text(raw)
     lines = _LINE_END.split(text)
     return lines[:-1] if lines[-1] == "" else lines
 
@@ -49,3 +59,14 @@ def _decode(raw: bytes) -> str:
         return raw.decode("utf-8")
     except UnicodeDecodeError:
         return raw.decode("latin-1")
+
+
+def plain_number(text: str) -> float | None:
+    """A number as programs print it, with E or Fortran's D; None for anything else.
+
+    Python's own reader also takes underscores and the digits of every script, which no program
+    writes: there they are slips.
+    """
+    if not _NUMBER.fullmatch(text):
+        return None
+    return float(re.sub(r"(?<=[\d.])[dD]", "e", text))

@@ -99,20 +99,23 @@ class Bundles:
             slope = math.tan(math.asin(min(value / sequence.indices[0, self.primary], 0.999999)))
             return slope * distance, slope
         if aperture.kind == "entrance_diameter":
-            height = value / 2.0
-            if sequence.finite:
-                # The edge of the entrance pupil, seen from the object
-                slope = height / (distance + self.entrance_pupil)
-                return slope * distance, slope
-            return height, 0.0
-        if sequence.finite:
+            return self._through_entrance(value / 2.0)
+        if sequence.finite and aperture.kind == "working_f_number":
             _, optical = sequence.paraxial(distance, 1.0, self.primary)
             slope = abs(0.5 / value / optical[-2]) if optical[-2] else 0.0
             return slope * distance, slope
         focal = abs(sequence.focal_length(self.primary))
         if not math.isfinite(focal):
             raise self.fail("the aperture is an f-number, but the lens has no power")
-        return focal / value / 2.0, 0.0
+        return self._through_entrance(focal / value / 2.0)
+
+    def _through_entrance(self, height: float) -> tuple[float, float]:
+        """The marginal ray through the edge of an entrance pupil of this radius."""
+        if not self.sequence.finite:
+            return height, 0.0
+        distance = -self.sequence.z[0]
+        slope = height / (distance + self.entrance_pupil)
+        return slope * distance, slope
 
     @cached_property
     def entrance_pupil(self) -> float:

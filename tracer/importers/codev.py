@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Literal
 
 from raymap.errors import SceneError
+from raymap.textfile import plain_number, split_lines
 from tracer.importers.codev_words import APERTURES_NOT_ROUND, HARMLESS, MOVED, NOT_TAKEN, TYPES
 from tracer.importers.prescription import (
     Aperture,
@@ -33,7 +34,9 @@ from tracer.importers.text import read_text
 
 __all__ = ["parse_codev", "read_codev"]
 
-_UNITS: dict[str, Literal["mm", "cm", "m", "in"]] = {"M": "mm", "C": "cm", "I": "in"}
+_UNITS: dict[str, Literal["mm", "cm", "m", "in"]] = {
+    "M": "mm", "MM": "mm", "C": "cm", "CM": "cm", "I": "in", "IN": "in",
+}  # fmt: skip
 _FIELDS: dict[str, FieldKind] = {
     "AN": "angle",
     "OB": "object_height",
@@ -75,7 +78,7 @@ def _commands(text: str) -> Iterator[tuple[int, list[str]]]:
     """The line and the words of each command; quotes keep a word together and are kept."""
     words: list[str] = []
     began = 1
-    for number, line in enumerate(text.splitlines(), 1):
+    for number, line in enumerate(split_lines(text), 1):
         goes_on = False
         for word in re.findall(r"L?'[^']*'|L?\"[^\"]*\"|!.*|;|&|[^\s;!'\"&]+|['\"]", line):
             if word.startswith("!"):
@@ -151,11 +154,14 @@ class _Reader:
     def number(self, words: list[str], index: int) -> float:
         """A number of a command."""
         shown = words[index] if index < len(words) else "nothing"
-        value = _as_number(shown)
+        value = plain_number(shown)
         if value is None:
             raise self.fail(self.place, f"{shown!r} stands where {words[0]} expects a number")
         if math.isnan(value):
             raise self.fail(self.place, f"{words[0]} is not a number")
+        endless = words[0].upper()[:3] in ("THI", "RDY") or _SURFACE.fullmatch(words[0])
+        if math.isinf(value) and not endless:
+            raise self.fail(self.place, f"{shown!r} stands where {words[0]} expects a finite one")
         return value
 
     # -- commands --------------------------------------------------------------------------------
@@ -237,8 +243,15 @@ class _Reader:
     # -- the head --------------------------------------------------------------------------------
 
     def _mode(self, words: list[str]) -> None:
-        self.mode_said = True
-        self.radius_mode = len(words) < 2 or words[1].upper().startswith("Y")
+        mode = len(words) < 2 or words[1].upper().startswith("Y")
+        curved = any(draft.shape for draft in self.drafts)
+        if curved and (not self.mode_said or mode != self.radius_mode):
+            raise self.fail(
+                self.place,
+                f"{' '.join(words)} stands behind surfaces, whose numbers it does not mean; put it "
+                "before them, and write all as radii or all as curvatures",
+            )
+        self.mode_said, self.radius_mode = True, mode
 
     def _title(self, words: list[str]) -> None:
         if len(words) > 1 and _QUALIFIER.fullmatch(words[1]):
@@ -246,18 +259,19 @@ class _Reader:
         self.title = " ".join(words[1:]).strip("'\"")
 
     def _unit(self, words: list[str]) -> None:
-        letter = words[1][:1].upper() if len(words) > 1 else ""
-        if letter not in _UNITS:
+        word = words[1].upper() if len(words) > 1 else ""
+        if word not in _UNITS:
             raise self.fail("DIM", "the unit must be M (mm), C (cm) or I (inches)")
-        self.unit = _UNITS[letter]
+        self.unit = _UNITS[word]
 
     def _light(self, words: list[str]) -> None:
         name, value = words[0].upper()[:3], self.number(words, 1)
         if name == "NA":
             self.aperture = Aperture(kind="working_f_number", value=0.5 / value if value else 0.0)
             return
-        kinds: dict[str, Literal["entrance_diameter", "f_number", "object_na"]] = {
-            "EPD": "entrance_diameter", "FNO": "f_number", "NAO": "object_na",
+        # Its f-number is that at the conjugates in use, 1 / (2 NA)
+        kinds: dict[str, Literal["entrance_diameter", "working_f_number", "object_na"]] = {
+            "EPD": "entrance_diameter", "FNO": "working_f_number", "NAO": "object_na",
         }  # fmt: skip
         self.aperture = Aperture(kind=kinds[name], value=value)
 
@@ -272,7 +286,7 @@ class _Reader:
 
     def _zoom(self, words: list[str]) -> None:
         """``ZOO n``, or a command with a value for each of the n positions."""
-        count = _as_number(words[1]) if len(words) > 1 else None
+        count = plain_number(words[1]) if len(words) > 1 else None
         if len(words) == 2 and count is not None and count.is_integer() and count >= 1.0:
             self.positions = int(count)
             if self.positions > 1:
@@ -412,7 +426,7 @@ class _Reader:
             self._refract_mode(words, draft)
         elif name == "PIM":
             self.solves.append(ThicknessSolve(surface=self.spoken_of or 0))
-        elif len(words) > 1 and _as_number(words[1]) is None:
+        elif len(words) > 1 and plain_number(words[1]) is None:
             self._solve(name, words)
         elif name == "THI":
             draft.thickness = self.number(words, 1)
@@ -479,7 +493,7 @@ class _Reader:
             terms = [self.number(words, k) for k in range(2, len(words))]
             wavelengths = sorted({*_LAURENT_GRID_NM, *self.lists.get("WL", [])})
             return tuple((nm, _laurent(terms, 1e-3 * nm, place, self)) for nm in wavelengths)
-        if len(words) > 1 and _as_number(words[1]) is None:
+        if len(words) > 1 and plain_number(words[1]) is None:
             raise self.fail(
                 place,
                 f"its private glass {name} has the formula {words[1]}, which is not understood; "
@@ -600,7 +614,7 @@ class _Reader:
                 r"(THI|RDY|CUY|GLA|K) S(O|I|\d+) (THI|RDY|CUY|GLA|K) S(O|I|\d+)((?: \S+){0,2})",
                 " ".join(plain),
             )
-            numbers = [_as_number(word) for word in match[5].split()] if match else []
+            numbers = [plain_number(word) for word in match[5].split()] if match else []
             if match is None or match[1] != match[3] or None in numbers:
                 self.warn(f"{said} is not followed; the stored value is taken")
                 continue
@@ -679,14 +693,6 @@ class _Reader:
                 for k in range(count)
             )
         return "angle", (FieldPoint(x=0.0, y=0.0),)
-
-
-def _as_number(text: str) -> float | None:
-    """A number as the program writes it, with D or E; None for anything else."""
-    try:
-        return float(re.sub(r"(?<=[\d.])[dD](?=[-+\d])", "e", text))
-    except ValueError:
-        return None
 
 
 def _laurent(terms: list[float], micrometre: float, place: str, reader: _Reader) -> float:

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from raymap.errors import SceneError
+from raymap.textfile import plain_number, split_lines
 from tracer.importers.prescription import (
     Aperture,
     FieldKind,
@@ -71,8 +72,12 @@ def read_zemax(path: str | Path) -> Prescription:
 
 def parse_zemax(text: str, *, origin: str = "lens") -> Prescription:
     """As `read_zemax`, from the text of a file."""
-    reader = _Reader(origin, indented=bool(re.search(r"^SURF .*\n([ \t]*\n)*[ \t]+\S", text, re.M)))
-    for number, line in enumerate(text.splitlines(), 1):
+    lines = split_lines(text)
+    joined = "\n".join(lines)
+    reader = _Reader(
+        origin, indented=bool(re.search(r"^SURF .*\n([ \t]*\n)*[ \t]+\S", joined, re.M))
+    )
+    for number, line in enumerate(lines, 1):
         reader.take(line, number)
     return reader.finish()
 
@@ -97,6 +102,7 @@ class _Block:
     number: int
     lines: dict[str, _Line] = field(default_factory=dict)
     parameters: dict[int, float] = field(default_factory=dict)
+    places: dict[int, str] = field(default_factory=dict)
     picked: list[_Line] = field(default_factory=list)
     tilts: list[_Line] = field(default_factory=list)
 
@@ -151,7 +157,9 @@ class _Reader:
     def _take_of_head(self, line: _Line) -> None:
         if line.word == "WAVM" and len(line.values) >= 2:
             weight = self._number(line, 2) if len(line.values) > 2 else 1.0
-            self.wavelengths[self._integer(line, 0)] = (self._number(line, 1), weight)
+            number, pair = self._integer(line, 0), (self._number(line, 1), weight)
+            if self.wavelengths.setdefault(number, pair) != pair:
+                self.warn(f"{line.place}: wavelength {number} stands twice; the first is taken")
         elif line.word == "MCON":
             self.configured = True
         elif line.word in WORDS_OF_HEAD:
@@ -169,7 +177,10 @@ class _Reader:
     def _take_of_surface(self, block: _Block, line: _Line) -> None:
         word = line.word
         if word == "PARM":
-            block.parameters[self._integer(line, 0)] = self._number(line, 1)
+            number, value = self._integer(line, 0), self._number(line, 1)
+            if block.parameters.get(number, value) != value:
+                self._say_of_second(line, block.places[number])
+            block.parameters[number], block.places[number] = value, line.place
         elif word == "PPAR":
             block.picked.append(line)
         elif word == "SCBD":
@@ -178,21 +189,28 @@ class _Reader:
             if line.values:
                 self.coatings.append(block.number)
         elif word in WORDS_OF_SURFACES or word in APERTURES_NOT_ROUND:
+            first = block.lines.get(word, line)
+            if first.values != line.values:
+                self._say_of_second(line, first.place)
             block.lines[word] = line
         elif word not in HARMLESS_IN_SURFACES:
             self.unknown.setdefault(word, []).append(line.place)
+
+    def _say_of_second(self, line: _Line, first: str) -> None:
+        self.warn(f"{line.place}: {line.word} stands twice; it is taken, not that of {first}")
 
     # -- numbers ---------------------------------------------------------------------------------
 
     def _number(self, line: _Line, index: int) -> float:
         values = line.values
         shown = values[index] if index < len(values) else "nothing"
-        try:
-            number = float(shown)
-        except ValueError:
-            raise self.fail(line.place, f"{shown!r} stands where a number is expected") from None
+        number = plain_number(shown)
+        if number is None:
+            raise self.fail(line.place, f"{shown!r} stands where a number is expected")
         if math.isnan(number):
             raise self.fail(line.place, "a value is not a number")
+        if math.isinf(number) and line.word not in ("DISZ", "DIAM"):
+            raise self.fail(line.place, f"{shown!r} stands where a finite number is expected")
         return number
 
     def _integer(self, line: _Line, index: int) -> int:
@@ -252,7 +270,14 @@ class _Reader:
         curvature = 0.0 if dummy else self._curvature(block, before)
         conic = 0.0 if dummy else self._optional(block.lines.get("CONI"), 0)
         aspheric: tuple[float, ...] = ()
+        if block.kind == "STANDARD" and any(block.parameters.values()):
+            self.warn(
+                f"{place}: is of type STANDARD, which has no parameters; its PARM are left out"
+            )
         if block.kind == "EVENASPH":
+            beyond = [number for number, value in block.parameters.items() if value and number > 8]
+            if beyond:
+                self.warn(f"{place}: EVENASPH has no parameter {beyond[0]}; it is left out")
             curvature, conic, aspheric = self._even_asphere(block, curvature, conic, place)
         glass, mirror = self._glass(block, before)
         if dummy:
@@ -437,6 +462,12 @@ class _Reader:
         if solve == _MODEL or "___BLANK" in name.upper():
             if values[0] <= 1.0:
                 raise self.fail(line.place, f"a model glass of index {values[0]:g} is not a glass")
+            if self._optional(line, 5) != 0.0:
+                self.warn(
+                    f"{line.place}: the partial dispersion of its model glass deviates by "
+                    f"{self._optional(line, 5):g}, which is not taken; its index follows from nd "
+                    "and the Abbe number alone"
+                )
             return GlassName(name=name, model=values), False
         return GlassName(name=name, said=None if values in _PLACEHOLDERS else values), False
 
@@ -541,6 +572,11 @@ class _Reader:
             self.warn("the pupil is apodised (GFAC); the sources fill it evenly")
         if any(self._column(("VANN", "ZVAN"), 99)):
             self.warn("the vignetting of fields is turned (VANN); it is taken unturned")
+        if self._optional(self.header.get("FTYP"), 6) != 0.0:
+            self.warn(
+                "its image space is afocal (FTYP); the detector stands at the last surface, and "
+                "measures places, not angles"
+            )
         if surfaces[0].curvature and math.isfinite(surfaces[0].thickness):
             self.warn("surface 0: the object is curved; its points are put in a plane")
         if sum(surface.stop for surface in surfaces) != 1:
@@ -620,6 +656,11 @@ class _Reader:
             types = self.header.get("FTYP")
             if types is not None and len(types.values) > 3:
                 count = self._integer(types, 3)
+                if count > numbers[-1]:
+                    self.warn(
+                        f"has {count} wavelengths (FTYP), but lists {len(numbers)} (WAVM); "
+                        f"{len(numbers)} are read"
+                    )
                 numbers = [number for number in numbers if number <= count] or numbers[:1]
             pairs = [self.wavelengths[number] for number in numbers]
         else:
@@ -635,10 +676,17 @@ class _Reader:
         if min(pair[0] for pair in pairs) <= 0.0:
             raise self.fail("WAVM", "a wavelength must be positive")
         primary = self._whole(self.header.get("PWAV"), 0, 1.0) - 1
+        if not 0 <= primary < len(pairs):
+            taken = min(max(primary, 0), len(pairs) - 1)
+            self.warn(
+                f"its primary wavelength is number {primary + 1} of {len(pairs)} (PWAV); number "
+                f"{taken + 1} is taken"
+            )
+            primary = taken
         return (
             tuple(round(1000.0 * wavelength, 9) for wavelength, _ in pairs),
             tuple(weight for _, weight in pairs),
-            min(max(primary, 0), len(pairs) - 1),
+            primary,
         )
 
 

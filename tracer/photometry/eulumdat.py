@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.errors import SceneError
-from raymap.textfile import text_lines
+from raymap.textfile import plain_number, text_lines
 from tracer.light import IntensityGrid
 from tracer.photometry.luminous_opening import opening_of_eulumdat
 
@@ -44,11 +44,8 @@ class _Lines:
 
     def number(self, what: str) -> float:
         text = self.text().replace(",", ".")
-        try:
-            value = float(text or 0)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
+        value = plain_number(text or "0")
+        if value is None or not math.isfinite(value):
             raise SceneError(
                 f"{self.name}: line {self.place} is {text[:40]!r}, where {what} stands in EULUMDAT"
             )
@@ -65,13 +62,14 @@ class _Lines:
         found: list[float] = []
         while len(found) < n:
             words = self.text().replace(",", ".").split()
-            try:
-                found += [float(word) for word in words]
-            except ValueError:
-                raise SceneError(
-                    f"{self.name}: line {self.place} is {' '.join(words)[:40]!r}, where {what} "
-                    "stand in EULUMDAT"
-                ) from None
+            for word in words:
+                value = plain_number(word)
+                if value is None or not math.isfinite(value):
+                    raise SceneError(
+                        f"{self.name}: line {self.place} is {' '.join(words)[:40]!r}, where {what} "
+                        "stand in EULUMDAT"
+                    )
+                found.append(value)
         if len(found) > n:
             raise SceneError(f"{self.name}: line {self.place}: more {what} than the {n} promised")
         return np.array(found)

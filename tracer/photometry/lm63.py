@@ -18,16 +18,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.errors import SceneError
-from raymap.textfile import text_lines
+from raymap.textfile import plain_number, text_lines
 from tracer.light import IntensityGrid
 from tracer.photometry.goniometer import Readings, grid_of_type_a, grid_of_type_b
 from tracer.photometry.luminous_opening import opening_of_lm63
 
 __all__ = ["read"]
 
-_TYPES = {1: "C", 2: "B", 3: "A"}
+_TYPES = {1.0: "C", 2.0: "B", 3.0: "A"}
 _MOST_ANGLES = 100_000
-_EDITION = re.compile(r"^IES(?:NA)?(?::LM-63-(\d{4})|(91))", re.IGNORECASE)
+_EDITION = re.compile(r"IES(?:NA)?(?:[:\s]*LM-?63-(\d{2}|\d{4})|(91))(?!\d)", re.IGNORECASE)
+_TILT = re.compile(r"\s*TILT\s*=", re.IGNORECASE)
 
 
 def read(path: Path) -> IntensityGrid:
@@ -42,10 +43,10 @@ def read(path: Path) -> IntensityGrid:
         The file is none, ends early, or contradicts itself.
     """
     lines = text_lines(path.read_bytes())
-    start = next((k for k, line in enumerate(lines) if line.strip().upper().startswith("TILT")), -1)
+    start = next((k for k, line in enumerate(lines) if _TILT.match(line)), -1)
     if start < 0:
         raise SceneError(f"{path.name}: is not an IES LM-63 file (it has no TILT line)")
-    edition = _edition(lines[0])
+    edition = _edition(next(line for line in lines if line.strip()))
     numbers = _numbers(path.name, lines[start + 1 :], start + 2)
     if "INCLUDE" in lines[start].upper().partition("=")[2]:
         # Geometry of the lamp, angles and factors of a lamp that is tilted: the source is not
@@ -55,7 +56,7 @@ def read(path: Path) -> IntensityGrid:
         raise SceneError(f"{path.name}: ends before the angles: {len(numbers)} of 13 numbers")
     n_vertical = _count(path.name, numbers, 3, "vertical angles")
     n_horizontal = _count(path.name, numbers, 4, "horizontal angles")
-    kind = _TYPES.get(int(numbers[5]))
+    kind = _TYPES.get(float(numbers[5]))
     if kind is None:
         raise SceneError(
             f"{path.name}: photometric type {numbers[5]:g}; types are 1 (C), 2 (B) and 3 (A)"
@@ -97,7 +98,10 @@ def read(path: Path) -> IntensityGrid:
 def _edition(first: str) -> int:
     """Year of the edition that the first line names; the format of 1986 has no such line."""
     found = _EDITION.match(first.strip())
-    return 1986 if found is None else int(found[1] or 1991)
+    if found is None:
+        return 1986
+    year = int(found[1] or 1991)
+    return year if year > 99 else year + (1900 if year > 50 else 2000)
 
 
 def _factor(name: str, edition: int, numbers: NDArray[np.float64]) -> float:
@@ -120,12 +124,10 @@ def _factor(name: str, edition: int, numbers: NDArray[np.float64]) -> float:
 def _numbers(name: str, lines: list[str], first: int) -> NDArray[np.float64]:
     found: list[float] = []
     for number, line in enumerate(lines, first):
-        try:
-            found += [float(word) for word in line.replace(",", " ").split()]
-        except ValueError:
-            raise SceneError(
-                f"{name}: line {number} is not numbers: {line.strip()[:40]!r}"
-            ) from None
+        values = [plain_number(word) for word in line.replace(",", " ").split()]
+        if None in values:
+            raise SceneError(f"{name}: line {number} is not numbers: {line.strip()[:40]!r}")
+        found += [value for value in values if value is not None]
     if not np.isfinite(found).all():
         raise SceneError(f"{name}: has a value that is not a finite number")
     return np.array(found)

@@ -19,6 +19,7 @@ from tests.tracer.importers.lens_texts import codev, opened, zemax
 from tracer.importers import codev_words, zemax_words
 from tracer.importers.codev import parse_codev
 from tracer.importers.face_list import list_faces
+from tracer.importers.lens_scene import read_prescription
 from tracer.importers.prescription import ImportWarning
 from tracer.importers.zemax import parse_zemax
 from tracer.scene.load import load_scene, parse_scene
@@ -80,6 +81,7 @@ def test_words_that_change_the_lens_are_heard(
     assert re.search(words or "its thickness follows", said), said
 
 
+@pytest.mark.filterwarnings("ignore:.*stands twice")
 @pytest.mark.parametrize(
     ("surface", "words"),
     [
@@ -424,3 +426,97 @@ def test_the_page_lists_the_harmless_words() -> None:
         codev_words.APERTURES_NOT_ROUND,
     ):
         assert set(table) <= set(words)
+
+
+# -- slips that a number hides -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("surface", "words"),
+    [
+        ("DISZ 6;DISZ 5", r"surface 1: DISZ stands twice; it is taken, not that of line \d+, surf"),
+        ("CURV 0.03;CURV 0.02", r"CURV stands twice.*CURV stands twice"),
+        ("PARM 2 1e-4;PARM 2 2e-4", r"PARM stands twice.*\| .*type STANDARD, which has no param"),
+        ("PARM 3 0.5", r"surface 1: is of type STANDARD, which has no parameters"),
+        ("TYPE EVENASPH;PARM 9 1", r"TYPE stands twice.*EVENASPH has no parameter 9"),
+    ],
+)
+def test_what_stands_twice_or_means_nothing_is_heard(
+    surface: str, words: str, tmp_path: Path
+) -> None:
+    lens, said = opened(tmp_path, zemax(f"{FRONT};{surface}", BACK, IMAGE))
+    assert re.search(words, " | ".join(said)), said
+    assert lens.design()["efl"] == pytest.approx(thick(50, -50, 5), rel=1e-5)
+
+
+def test_the_partial_dispersion_of_a_model_glass_is_heard(tmp_path: Path) -> None:
+    model = FRONT.replace("N-BK7 0 0 1.5 40", "___BLANK 1 0 1.6 50 {}")
+    assert opened(tmp_path, zemax(model.format("0"), BACK, IMAGE))[1] == []
+    said = opened(tmp_path, zemax(model.format("0.02"), BACK, IMAGE))[1]
+    assert "the partial dispersion of its model glass deviates by 0.02" in " | ".join(said)
+
+
+@pytest.mark.parametrize(
+    ("head", "words"),
+    [
+        ("FTYP 0 0 1 1 0 0 1\nXFLN 0\nYFLN 0", "its image space is afocal"),
+        ("FTYP 0 0 1 3\nXFLN 0\nYFLN 0", r"has 3 wavelengths \(FTYP\), but lists 1"),
+        ("WAVM 1 0.6 1", "wavelength 1 stands twice; the first is taken"),
+    ],
+)
+def test_counts_of_the_head_are_compared(head: str, words: str, tmp_path: Path) -> None:
+    said = opened(tmp_path, zemax(FRONT, BACK, IMAGE, head=head))[1]
+    assert re.search(words, " | ".join(said)), said
+
+
+def test_a_primary_wavelength_that_is_none_is_heard(tmp_path: Path) -> None:
+    said = opened(tmp_path, SINGLET.replace("PWAV 1", "PWAV 2"))[1]
+    assert "its primary wavelength is number 2 of 1 (PWAV); number 1 is taken" in " | ".join(said)
+
+
+@pytest.mark.parametrize("slip", ["0,02", "0.0_2", "\u0660.02", "0x1p3", "INFINITY"])
+def test_slips_in_numbers_are_no_numbers(slip: str) -> None:
+    with pytest.raises(SceneError, match=r"surface 1: .*number is expected"):
+        parse_zemax(SINGLET.replace("CURV 0.02", f"CURV {slip}"))
+    with pytest.raises(SceneError, match=r"expects a"):
+        parse_codev(codev(f"{BODY}\nK S1 {slip}"))
+
+
+@pytest.mark.parametrize("end", ["\r", "\r\n", "\n"])
+def test_letters_of_other_alphabets_end_no_line(end: str, tmp_path: Path) -> None:
+    """0x85 is a letter or an ellipsis in encodings of one byte; as U+0085 it would end a line."""
+    noted = SINGLET.replace("MODE SEQ", "MODE SEQ\nNAME lens \x85 SURF 7\x0cENPD 3")
+    path = tmp_path / "lens.zmx"
+    path.write_bytes(noted.replace("\n", end).encode("latin-1"))
+    prescription = read_prescription(path)
+    assert prescription.aperture.value == 10.0
+    assert len(prescription.surfaces) == 4
+    path = tmp_path / "lens.seq"
+    titled = codev(f"TIT 'lens \x85 EPD 3'\n{BODY}").replace("\n", end)
+    path.write_bytes(titled.encode("latin-1"))
+    assert read_prescription(path).aperture.value == 10.0
+
+
+def test_f_numbers_of_near_objects(tmp_path: Path) -> None:
+    """The stop stands at the lens: the entrance pupil has the diameter f/F of Zemax' F, which is
+    that at infinity; the working one is 1/(2 sin) of the paraxial cone behind, s'/(2 y)."""
+    f, near = thick(50, -50, 5), 150.0
+    front = (N - 1) * 5 * f / (N * 50)  # principal planes, behind the front and before the back
+    behind = 1.0 / (1.0 / f - 1.0 / (near + front))
+    for word, height in (
+        ("FNUM 4 0", f / 8.0),
+        ("FNUM 4 1", behind / 8.0 * near / (near + front)),
+    ):
+        text = SINGLET.replace("ENPD 10", word).replace("DISZ INFINITY", f"DISZ {near}")
+        lens, _ = opened(tmp_path, text)
+        assert lens.bundles.marginal[0] == pytest.approx(height, rel=1e-5)
+    text = codev(BODY).replace("EPD 10", "FNO 4").replace("SO 0 1e13", f"SO 0 {near}")
+    lens, _ = opened(tmp_path, text, ".seq")
+    assert lens.bundles.marginal[0] == pytest.approx(height, rel=1e-5)
+
+
+def test_a_mode_behind_surfaces_is_refused() -> None:
+    with pytest.raises(SceneError, match="RDM N stands behind surfaces"):
+        parse_codev(codev("S 50 5 NBK7_SCHOTT\nRDM N\nSTO\nS -0.02 46\nSI 0 0"))
+    with pytest.raises(SceneError, match=r"the unit must be M \(mm\), C \(cm\) or I"):
+        parse_codev(codev(BODY).replace("DIM M", "DIM METER"))

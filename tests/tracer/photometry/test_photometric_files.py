@@ -113,6 +113,8 @@ def test_factors_count(tmp_path: Path) -> None:
         ({"kind": 7}, "photometric type 7"),
         ({"multiplier": "x"}, "line 4 is not numbers"),
         ({"multiplier": "nan"}, "not a finite number"),
+        ({"multiplier": "1_0"}, "line 4 is not numbers"),
+        ({"kind": 1.7}, "photometric type 1.7"),
         ({"multiplier": 0}, "multiplier 0"),
         ({"tilt": "INCLUDE"}, "tilt angles|promises|ends before"),
     ],
@@ -121,6 +123,34 @@ def test_ies_files_that_lie(tmp_path: Path, changes: dict[str, object], what: st
     with pytest.raises(SceneError, match=what) as error:
         read(ies(tmp_path, **changes))
     assert "lamp.ies" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("first", "factor"),
+    [
+        ("IESNA:LM-63-2002", 1.0),
+        ("IESNA: LM-63-2002", 1.0),
+        ("IES LM-63-2019", 1.0),
+        ("IESNA:LM-63-02", 1.0),
+        ("\nIESNA:LM-63-1995", 1.0),
+        ("IESNA91", 0.5),
+        ("IESNA:LM-63-1991", 0.5),
+        ("a lamp of 1986", 0.5),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:.*future use")
+def test_the_edition_however_its_line_is_written(first: str, factor: float, tmp_path: Path) -> None:
+    """The ballast-lamp factor counts up to 1991."""
+    text = ies(tmp_path).read_text().replace("IESNA:LM-63-2002", first).replace("1 1 20", "1 .5 20")
+    (tmp_path / "lamp.ies").write_text(text)
+    assert read(tmp_path / "lamp.ies").at(0, 0) == pytest.approx(100 * factor)
+
+
+@pytest.mark.parametrize("end", ["\x1a\r\n", "\r\n\x1a\r\n\r\n", "\0\0\n", "\x1a \x1a\n"])
+def test_labels_that_begin_like_tilt_and_marks_of_the_end(end: str, tmp_path: Path) -> None:
+    text = ies(tmp_path).read_text().replace("[TEST] none", "TILTED FLOODLIGHT\n[TEST] TILT=45")
+    (tmp_path / "lamp.ies").write_bytes((text + end).encode())
+    assert read(tmp_path / "lamp.ies").at(45, 45) == pytest.approx(65)
 
 
 def test_files_of_another_kind(tmp_path: Path) -> None:
@@ -147,6 +177,8 @@ def test_files_of_another_kind(tmp_path: Path) -> None:
         (29, "many", "line 29 is 'many'"),
         (29, "nan", "line 29 is 'nan'"),
         (50, "x", "stand in EULUMDAT"),
+        (50, "1_0", "line 50 is '1_0'"),
+        (50, "inf", "line 50 is 'inf'"),
     ],
 )
 def test_ldt_files_that_lie(tmp_path: Path, line: int, text: str, what: str) -> None:
