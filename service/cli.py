@@ -68,7 +68,7 @@ def serve(
         int, typer.Option(min=2**28, help="Memory of each process that reads, records or paints.")
     ] = 2**33,
     disk_bytes: Annotated[
-        int, typer.Option(min=0, help="What clients may record and upload while it runs.")
+        int, typer.Option(min=0, help="What clients may record and upload into the folder, in all.")
     ] = 2**37,
     no_browser: Annotated[
         bool, typer.Option("--no-browser", help="Never open a browser for a client.")

@@ -5,20 +5,87 @@ from __future__ import annotations
 import errno
 import os
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
 from raymap.errors import RayMapError
 
-__all__ = ["OutsideFolder", "ServedFolder"]
+__all__ = ["HeldFolder", "OutsideFolder", "ServedFolder"]
 
 _WALKS = os.open in os.supports_dir_fd and hasattr(os, "O_NOFOLLOW")
 """Whether files can be opened from a folder that is held open (not on Windows)."""
 
-_READ = os.O_RDONLY | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOFOLLOW", 0)
+_NO_LINK = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOFOLLOW", 0)
+_READ = os.O_RDONLY | _NO_LINK
+_WRITE = os.O_RDWR | _NO_LINK | getattr(os, "O_BINARY", 0)
 
 
 class OutsideFolder(RayMapError, PermissionError):
     """A request names a file outside the served folder."""
+
+
+@dataclass(frozen=True)
+class HeldFolder:
+    """A folder that is held open: its files are named from there, whatever its name comes to mean.
+
+    Attributes
+    ----------
+    place : its path
+    descriptor : of the folder; None where the system holds none open
+    """
+
+    place: Path
+    descriptor: int | None
+
+    def create(self, name: str) -> int:
+        """A descriptor of a new file; links and files of that name are in the way."""
+        return os.open(
+            self._named(name), _WRITE | os.O_CREAT | os.O_EXCL, 0o666, dir_fd=self.descriptor
+        )
+
+    def open_to_write(self, name: str) -> int:
+        """A descriptor of a file that is there and no link, to read and to write.
+
+        Raises
+        ------
+        OutsideFolder
+            It has become a link, or is no file.
+        OSError
+            It is not there, or cannot be written.
+        """
+        try:
+            # A pipe must not make the service wait for who reads from it
+            flags = _WRITE | getattr(os, "O_NONBLOCK", 0)
+            descriptor = os.open(self._named(name), flags, dir_fd=self.descriptor)
+        except OSError as error:
+            if error.errno in (errno.ELOOP, errno.ENXIO, errno.EISDIR):
+                raise OutsideFolder(f"{name!r} has become a link, or is no file") from None
+            raise
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            os.close(descriptor)
+            raise OutsideFolder(f"{name!r} is no file")
+        return descriptor
+
+    def replace(self, name: str, target: str) -> None:
+        """Give a file another name; a link of that name is replaced, not followed."""
+        os.replace(
+            self._named(name), self._named(target),
+            src_dir_fd=self.descriptor, dst_dir_fd=self.descriptor,
+        )  # fmt: skip
+
+    def remove(self, name: str) -> None:
+        """Remove a file, if it is there."""
+        with suppress(FileNotFoundError):
+            os.unlink(self._named(name), dir_fd=self.descriptor)
+
+    def names(self) -> list[str]:
+        """What lies in it."""
+        return sorted(os.listdir(self.place if self.descriptor is None else self.descriptor))
+
+    def _named(self, name: str) -> str | Path:
+        return self.place / name if self.descriptor is None else name
 
 
 class ServedFolder:
@@ -109,11 +176,41 @@ class ServedFolder:
         finally:
             os.close(held)
 
-    def _hold(self, found: Path) -> int:
+    @contextmanager
+    def holding(self, found: Path, *, make: bool = False) -> Iterator[HeldFolder]:
+        """Hold a folder inside open.
+
+        Parameters
+        ----------
+        found : as `path` answered it
+        make : make it, and those above it, where they are missing
+
+        Raises
+        ------
+        OutsideFolder
+            One of the folders has become a link.
+        OSError
+            It cannot be opened or made.
+        """
+        if not _WALKS:
+            if make:
+                found.mkdir(parents=True, exist_ok=True)
+            yield HeldFolder(found, None)
+            return
+        held = self._hold(found, make=make)
+        try:
+            yield HeldFolder(found, held)
+        finally:
+            os.close(held)
+
+    def _hold(self, found: Path, *, make: bool = False) -> int:
         """A descriptor of a folder inside."""
         held = os.open(self.root, _READ | os.O_DIRECTORY)
         try:
             for folder in found.relative_to(self.root).parts:
+                if make:
+                    with suppress(FileExistsError):
+                        os.mkdir(folder, dir_fd=held)
                 inner = os.open(folder, _READ | os.O_DIRECTORY, dir_fd=held)
                 os.close(held)
                 held = inner

@@ -58,11 +58,14 @@ def record_scene(
     target = Path(arguments["map"])
     mirror = _begin(arguments, bounds, [target])
     folder = ServedFolder(arguments["folder"])
+    options = dict(arguments["options"])
     # Write in the folder that is held, not in what its name may come to mean
     with permitted():
         folder.enter(target.parent)
-    if os.path.islink(target.name):
-        raise OutsideFolder(f"{folder.shown(target)!r} has become a link")
+        written = _opened(folder, target) if options["append"] else None
+    if written is None:
+        # What appears under its name from now on is in the way, and is not continued
+        options["append"], written = False, Path(target.name)
 
     def progress(news: Any) -> None:
         listener.tell({"event": {"progress": asdict(news)}})
@@ -73,15 +76,41 @@ def record_scene(
             warnings.simplefilter("ignore")
             result = record(
                 _compile(arguments, mirror),
-                Path(target.name),
+                written,
                 threads=arguments["threads"],
                 progress=progress,
                 cancel=listener.stopped,
-                **arguments["options"],
+                **options,
             )
     except RayMapError as error:
-        raise type(error)(mirror.plain(str(error))) from None
+        text = str(error)
+        if written.is_absolute():
+            text = text.replace(str(written), folder.shown(target))
+        raise type(error)(mirror.plain(text)) from None
     return {"done": result.to_json()}
+
+
+def _opened(folder: ServedFolder, target: Path) -> Path | None:
+    """The map that is to be continued, by its descriptor: no link can take its place any more.
+
+    None if there is no such map. Where descriptors have no names, the map by its own name.
+    """
+    with folder.holding(target.parent) as held:
+        try:
+            descriptor = held.open_to_write(target.name)
+        except FileNotFoundError:
+            return None
+        except OutsideFolder:
+            raise OutsideFolder(f"{folder.shown(target)!r} has become a link") from None
+        except OSError as error:
+            raise RayMapError(
+                f"{folder.shown(target)} cannot be written: {error.strerror}"
+            ) from None
+    named = Path(f"/dev/fd/{descriptor}")
+    if named.exists():
+        return named
+    os.close(descriptor)
+    return Path(target.name)
 
 
 def paint_map(

@@ -42,7 +42,8 @@ class Limits:
     spare_workers : whether a worker process of each kind is started before it is wanted (0 or 1)
     memory_bytes : of one worker process, which reads a scene, records or paints
     upload_bytes : of one uploaded file
-    disk_bytes : of all that clients record and upload while the service runs
+    disk_bytes : of all that clients record and upload into the folder, over all runs of the service
+    written_files : that clients may have put there
     spare_bytes : that stay free on the disk of the served folder
     message_bytes : of one message, token or not; an upload comes in several
     incoming_bytes : of all messages that are coming in at a time
@@ -74,6 +75,7 @@ class Limits:
     memory_bytes: int = 2**33
     upload_bytes: int = 2**28
     disk_bytes: int = 2**37
+    written_files: int = 10_000
     spare_bytes: int = 2**30
     message_bytes: int = 2**23
     incoming_bytes: int = 2**28

@@ -44,7 +44,9 @@ class Questions:
         if not place.is_dir():
             raise BadRequest(f"files: there is no folder {name!r}")
         rows = []
-        for path in sorted(place.iterdir())[:_MOST_FILES]:
+        with self.folder.holding(place) as held:
+            names = held.names()
+        for path in (place / name for name in names[:_MOST_FILES]):
             if not self.folder.serves(path):
                 continue
             kinds = {SUFFIX: "map", ".toml": "scene"}

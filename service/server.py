@@ -104,7 +104,7 @@ class RaymapService(flight.FlightServerBase):  # type: ignore[misc]
         searches = Gate(self.limits.searches, self.limits.turn_seconds, "searches")
         recordings = Gate(self.limits.recordings, self.limits.turn_seconds, "recordings")
         self._workers = Workers(spares=self.limits.spare_workers > 0)
-        self._disk = Disk(self.folder.root, self.limits)
+        self._disk = Disk(self.folder, self.limits)
         self._recorder = Recorder(self.folder, recordings, self._workers, self._disk, threads)
         self._questions = Questions(self.folder, self.library, searches, self._workers, threads)
         self._streams = Streams(self.library, searches, self._workers, threads)

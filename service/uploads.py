@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import os
 import secrets
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from raymap.errors import MapExists, RayMapError
-from service.confine import ServedFolder
+from service.confine import OutsideFolder, ServedFolder
 from service.disk import Disk
 from service.requests import BadRequest, Request
 
@@ -39,29 +38,37 @@ def take_file(request: Request, folder: ServedFolder, disk: Disk, reader: Any) -
     if target.exists() and not (force and target.is_file()):
         raise MapExists(f"upload: {name!r} exists and stays as it is; 'force' replaces it")
     beside = target.with_name(f".{target.name}.{secrets.token_hex(4)}")
-    most, size = request.limits.upload_bytes, 0
     try:
         disk.check("upload")
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with disk.writing(beside, target, keeps=False), beside.open("xb") as file:
-            for chunk in reader:
-                if chunk.data is None or not chunk.data.num_columns:
-                    continue
-                for value in chunk.data.column(0).to_pylist():
-                    if not isinstance(value, bytes):
-                        raise BadRequest("upload: the first column must be binary")
-                    size += len(value)
-                    if size > most:
-                        raise RayMapError(
-                            f"upload: {name!r} has more than the {most} bytes that are taken"
-                        )
-                    disk.check("upload", len(value))
-                    file.write(value)
-            file.close()
-            os.replace(beside, target)
+        # Links that appear meanwhile lead nowhere: all is done in the folder that is held
+        with (
+            folder.holding(target.parent, make=True) as held,
+            disk.writing(beside, target, keeps=False),
+        ):
+            try:
+                with os.fdopen(held.create(beside.name), "wb") as file:
+                    _write(request, name, disk, reader, file)
+                held.replace(beside.name, target.name)
+            finally:
+                held.remove(beside.name)
+    except OutsideFolder:
+        raise
     except OSError as error:
         raise RayMapError(f"upload: {name!r} cannot be written: {error.strerror}") from None
-    finally:
-        with suppress(OSError):
-            beside.unlink(missing_ok=True)
     return target
+
+
+def _write(request: Request, name: str, disk: Disk, reader: Any, file: Any) -> None:
+    """Take the values of the stream's first column, as far as there is room."""
+    most, size = request.limits.upload_bytes, 0
+    for chunk in reader:
+        if chunk.data is None or not chunk.data.num_columns:
+            continue
+        for value in chunk.data.column(0).to_pylist():
+            if not isinstance(value, bytes):
+                raise BadRequest("upload: the first column must be binary")
+            size += len(value)
+            if size > most:
+                raise RayMapError(f"upload: {name!r} has more than the {most} bytes that are taken")
+            disk.check("upload", len(value))
+            file.write(value)

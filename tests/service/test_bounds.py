@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import socket
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -14,7 +16,8 @@ import pytest
 import raymap
 from raymap.errors import RayMapError
 from service import Limits
-from service.disk import Disk
+from service.confine import OutsideFolder, ServedFolder
+from service.disk import LEDGER, Disk
 from service.front import Frames, Refused, Sieve, Streams, Total
 from service.limits import Busy, OutOfTime, Shares
 from service.results import check_done, check_progress, check_scene, read_png
@@ -148,7 +151,7 @@ def test_a_reader_that_does_not_read(start: Starter) -> None:
 
 
 def test_disk_quota(tmp_path: Path) -> None:
-    disk = Disk(tmp_path, Limits(disk_bytes=10_000, spare_bytes=0))
+    disk = Disk(ServedFolder(tmp_path), Limits(disk_bytes=10_000, spare_bytes=0))
     target = tmp_path / "a"
     with disk.writing(target, target, keeps=False):
         target.write_bytes(b"x" * 6000)
@@ -165,6 +168,28 @@ def test_disk_quota(tmp_path: Path) -> None:
     assert disk.room() == 5000
     with pytest.raises(RayMapError, match="no room"):
         disk.check("upload", 5001)
+    few = Disk(ServedFolder(tmp_path), Limits(written_files=1, spare_bytes=0))
+    with pytest.raises(RayMapError, match="1 files"):
+        few.check("upload")
+    # A new start makes no new room; what the owner removes does
+    again = Disk(ServedFolder(tmp_path), Limits(disk_bytes=10_000, spare_bytes=0))
+    assert again.room() == 5000
+    # Written when the service was killed
+    killed = tmp_path / "killed"
+    killed_while = again.writing(killed, killed, keeps=False)
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(killed_while)
+        killed.write_bytes(b"x" * 4500)
+        third = Disk(ServedFolder(tmp_path), Limits(disk_bytes=10_000, spare_bytes=0))
+        assert third.room() == 500
+    killed.unlink()
+    assert Disk(ServedFolder(tmp_path), Limits(disk_bytes=10_000, spare_bytes=0)).room() == 5000
+    for wrong in ("", "[]", '{"files": []}', '{"files": {"../x": 1}}', '{"files": {"x": -1}}'):
+        broken = tmp_path / "broken"
+        broken.mkdir(exist_ok=True)
+        (broken / LEDGER).write_text(wrong)
+        with pytest.raises(RayMapError, match="remove it to begin at nothing"):
+            Disk(ServedFolder(broken), Limits())
     # Empty files are not free
     for name in ("b", "c"):
         with disk.writing(tmp_path / name, tmp_path / name, keeps=False):
@@ -172,14 +197,16 @@ def test_disk_quota(tmp_path: Path) -> None:
     with pytest.raises(RayMapError, match="no room"):
         disk.check("upload")
     # What the owner put there before does not count, what is added to it does
-    owners = tmp_path / "owner"
+    apart = tmp_path / "apart"
+    apart.mkdir()
+    owners = apart / "owner"
     owners.write_bytes(b"x" * 50_000)
-    other = Disk(tmp_path, Limits(disk_bytes=10_000, spare_bytes=0))
+    other = Disk(ServedFolder(apart), Limits(disk_bytes=10_000, spare_bytes=0))
     for size in (55_000, 56_000):
         with other.writing(owners, owners, keeps=True):
             owners.write_bytes(b"x" * size)
         assert other.room() == 60_000 - size
-    assert Disk(tmp_path, Limits(spare_bytes=2**62)).room() < 0
+    assert Disk(ServedFolder(tmp_path), Limits(spare_bytes=2**62)).room() < 0
 
 
 def test_uploads_within_the_quota(start: Starter, folder: Path) -> None:
@@ -190,7 +217,7 @@ def test_uploads_within_the_quota(start: Starter, folder: Path) -> None:
             client.upload_text("x" * 600_000, "b.stl")
         client.upload_text("x" * 700_000, "a.stl", force=True)
     assert sorted(path.name for path in folder.glob("*.stl")) == ["a.stl"]
-    assert not list(folder.glob(".*"))
+    assert [path.name for path in folder.glob(".*")] == [LEDGER]
 
 
 def bounds(**options: Any) -> Bounds:
@@ -259,3 +286,75 @@ def test_a_recording_ended_by_force_is_a_valid_map(folder: Path) -> None:
         list(Workers(spares=False).run("record", asked, bounds(end_seconds=0.0), gone))
     with raymap.open(target, on_damage="skip") as found:
         assert found.rays > 0
+
+
+def test_no_link_takes_the_place_of_what_is_written(folder: Path) -> None:
+    """Links that appear while a client writes change nothing outside the folder."""
+    outside = folder.parent / "outside"
+    outside.mkdir()
+    served = ServedFolder(folder)
+    (folder / "inner").mkdir()
+    target = served.path("inner/new.stl")
+    with served.holding(target.parent) as held:
+        (folder / "inner").rename(folder / "moved")
+        (folder / "inner").symlink_to(outside)
+        with os.fdopen(held.create("new.stl"), "wb") as file:
+            file.write(b"solid")
+        held.replace("new.stl", "other.stl")
+    assert list(outside.iterdir()) == []
+    assert (folder / "moved" / "other.stl").read_bytes() == b"solid"
+    with pytest.raises(OutsideFolder, match="link"), served.holding(target.parent):
+        pass
+    with served.holding(folder) as held:
+        (folder / "link.raymap").symlink_to(outside / "made.raymap")
+        with pytest.raises(OutsideFolder, match="link"):
+            held.open_to_write("link.raymap")
+        with pytest.raises(FileExistsError):
+            held.create("link.raymap")
+        os.mkfifo(folder / "pipe.raymap")
+        with pytest.raises(OutsideFolder):
+            held.open_to_write("pipe.raymap")
+    assert list(outside.iterdir()) == []
+
+
+def test_a_map_that_is_continued_stays_the_one_that_was_looked_at(folder: Path) -> None:
+    """A link is put in its place again and again while recordings continue it."""
+    text = (folder / "scene.toml").read_text()
+    target, secret = folder / "long.raymap", folder.parent / "secret.raymap"
+    options = {"rays": 500, "seconds": None, "seed": 1, "append": False, "force": False}
+    asked = {**job(folder, text), "map": str(target), "threads": 1, "options": options}
+    workers = Workers(spares=False)
+    workers.ask("record", asked, bounds(), lambda: False)
+    secret.write_bytes(target.read_bytes())
+    outside = secret.read_bytes()
+    ended = threading.Event()
+    aside = folder / "aside.raymap"
+
+    def swap() -> None:
+        while not ended.is_set():
+            target.rename(aside)
+            target.symlink_to(secret)
+            target.unlink()
+            aside.rename(target)
+
+    swapping = threading.Thread(target=swap)
+    swapping.start()
+    continued, said = 0, []
+    try:
+        for _ in range(4):
+            try:
+                more = {**asked, "options": {**options, "append": True, "seed": None}}
+                answer = workers.ask("record", more, bounds(), lambda: False)
+                continued += answer["done"]["rays"] > 0
+            except RayMapError as error:
+                said.append(str(error))
+    finally:
+        ended.set()
+        swapping.join()
+    assert not [line for line in said if str(folder) in line or "/dev/fd" in line]
+    assert secret.read_bytes() == outside
+    with raymap.open(target) as found:
+        assert found.rays >= 500
+    done = workers.ask("record", {**asked, "options": {**options, "append": True, "seed": None}},
+                       bounds(), lambda: False)  # fmt: skip
+    assert done["done"]["rays"] == 500
