@@ -5,7 +5,8 @@ from __future__ import annotations
 import secrets
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["Applications"]
 
 _LOOK_SECONDS = 0.1
+_VALID_SECONDS = 1.0
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,7 @@ class _Opened:
     name: str
     map: RayMap
     server: RunningServer
+    valid: Callable[[], bool]
 
 
 class Applications:
@@ -38,6 +41,7 @@ class Applications:
     def __init__(self, library: Library, limits: Limits, *, browser: bool) -> None:
         self.library, self.limits, self.browser = library, limits, browser
         self._opened: dict[str, _Opened] = {}
+        self._opening = 0
         self._lock = threading.Lock()
 
     def __len__(self) -> int:
@@ -50,25 +54,55 @@ class Applications:
             opened = self._opened.get(key) if isinstance(key, str) else None
         return None if opened is None else opened.name
 
-    def open(self, request: Request) -> dict[str, Any]:
+    def open(self, request: Request, valid: Callable[[], bool]) -> dict[str, Any]:
         """Open the application; answers its key and its address.
+
+        Parameters
+        ----------
+        request : of the client
+        valid : whether its token still is; the application ends with it
 
         Raises
         ------
         MissingExtra
             what the application needs is not installed.
         """
-        from viewer.server import run_in_thread
-        from viewer.state import ViewState
 
         name, criterion = request.text("map"), request.criterion()
         detector, browser = request.text("detector", None), request.flag("browser")
         request.finish()
+        key = secrets.token_hex(8)
+        with self._place():
+            opened = self._start(name, criterion, detector, valid)
+            with self._lock:
+                self._opened[key] = opened
+        if browser and self.browser:
+            opened.server.show()
+        threading.Thread(target=self._watch, args=(key, opened), daemon=True).start()
+        return {"view": key, "map": name, "url": opened.server.url}
+
+    @contextmanager
+    def _place(self) -> Iterator[None]:
+        """One of the places, while an application is being opened."""
         with self._lock:
-            if len(self._opened) >= self.limits.views:
+            if len(self._opened) + self._opening >= self.limits.views:
                 raise RayMapError(
                     f"{self.limits.views} applications are open already: close one with close_view"
                 )
+            self._opening += 1
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._opening -= 1
+
+    def _start(
+        self, name: str, criterion: Any, detector: str | None, valid: Callable[[], bool]
+    ) -> _Opened:
+        from viewer.panel_criterion import CriterionShelf
+        from viewer.server import run_in_thread
+        from viewer.state import ViewState
+
         ray_map = self.library.open(name)
         try:
             known = [item.name for item in ray_map.directory.detectors]
@@ -76,19 +110,27 @@ class Applications:
                 raise BadRequest(f"view: the map has no detector {detector!r}; it has {known}")
             text = "" if criterion is None else str(criterion)
             state = ViewState(criterion=text, detector=detector)
-            server = run_in_thread(ray_map, state)
+            # What the owner of the service asked lately is no client's business
+            server = run_in_thread(ray_map, state, shelf=CriterionShelf.empty())
+            if not server.url:
+                server.stop()
+                raise RayMapError("the application did not start within a minute")
         except BaseException:
             ray_map.close()
             raise
-        if not server.url:
-            ray_map.close()
-            raise RayMapError("the application did not start within a minute")
-        if browser and self.browser:
-            server.show()
-        key = secrets.token_hex(8)
+        return _Opened(name, ray_map, server, valid)
+
+    def _watch(self, key: str, opened: _Opened) -> None:
+        """Close an application whose token was withdrawn."""
+        while opened.valid():
+            time.sleep(_VALID_SECONDS)
+            with self._lock:
+                if self._opened.get(key) is not opened:
+                    return
         with self._lock:
-            self._opened[key] = _Opened(name, ray_map, server)
-        return {"view": key, "map": name, "url": server.url}
+            mine = self._opened.pop(key, None)
+        if mine is not None:
+            _end(mine)
 
     def drawn(self, request: Request, gone: Callable[[], bool]) -> dict[str, Any]:
         """What the user has entered and drawn, at once or when it changes."""

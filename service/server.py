@@ -18,7 +18,7 @@ import pyarrow.flight as flight
 import raymap
 from raymap.errors import RayMapError
 from raymap.protocol import PROTOCOL, encode_error
-from service.access import Tls, TokenCheck, is_local
+from service.access import Caller, Tls, TokenCheck, is_local
 from service.applications import Applications
 from service.calls import Calls
 from service.confine import ServedFolder
@@ -190,7 +190,7 @@ class RaymapService(flight.FlightServerBase):  # type: ignore[misc]
                 self._requests.one(caller.grant.name),
                 self.calls.under_way(action.type, caller, context.is_cancelled) as gone,
             ):
-                for answer in self._act(action.type, action.body, caller.grant, gone):
+                for answer in self._act(action.type, action.body, caller, gone):
                     body = json.dumps(answer, default=_plain).encode()
                     self.metrics.transfer("sent", len(body))
                     yield body
@@ -200,8 +200,9 @@ class RaymapService(flight.FlightServerBase):  # type: ignore[misc]
             raise _refusal(error, self.folder) from None
 
     def _act(
-        self, kind: str, body: Any, grant: Grant, gone: Callable[[], bool]
+        self, kind: str, body: Any, caller: Caller, gone: Callable[[], bool]
     ) -> Iterator[dict[str, Any]]:
+        grant = caller.grant
         if kind not in ACTIONS:
             raise BadRequest(f"there is no action {kind[:40]!r}; there are {', '.join(ACTIONS)}")
         request = self._request(body, kind)
@@ -212,7 +213,7 @@ class RaymapService(flight.FlightServerBase):  # type: ignore[misc]
             request.finish()
             yield {**self._hello(), "rights": sorted(grant.rights), "maps": grant.maps}
         elif kind == "view":
-            yield self.applications.open(request)
+            yield self.applications.open(request, caller.valid)
         elif kind == "drawn":
             yield self.applications.drawn(request, gone)
         elif kind == "close_view":

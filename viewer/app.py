@@ -28,17 +28,12 @@ EXPORTS = (
 
 
 class Application(SceneActions, ResultActions):
-    """One map on one page; several tabs of it share the session.
+    """One map on the pages of one browser; the parameters are those of `Core`."""
 
-    Parameters
-    ----------
-    server : a trame server that is not yet started
-    ray_map : an open map
-    state : where to begin
-    """
-
-    def __init__(self, server: Any, ray_map: RayMap, state: ViewState | None = None) -> None:
-        super().__init__(server, ray_map, state)
+    def __init__(
+        self, server: Any, ray_map: RayMap, state: ViewState | None = None, **options: Any
+    ) -> None:
+        super().__init__(server, ray_map, state, **options)
         self._page()
         self._connect()
         self._push()

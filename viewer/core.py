@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
@@ -19,6 +19,7 @@ from viewer.state import ViewState, state_from_json, state_to_address
 
 if TYPE_CHECKING:
     from raymap.reader import RayMap
+    from viewer.bodies import Body
 
 __all__ = ["CLIP", "DETECTOR", "LOOK", "RAY_STEPS", "REFRESH_SECONDS", "SECTION", "Core"]
 
@@ -45,20 +46,30 @@ REFRESH_SECONDS = 2.0
 
 
 class Core:
-    """One map on one page; several tabs of it share the session.
+    """One map on the pages of one browser; several tabs of it share the session.
 
     Parameters
     ----------
     server : a trame server that is not yet started
     ray_map : an open map
     state : where to begin
+    shelf : recent and saved criteria; the user's own unless given
+    bodies : of the scene, where another application has loaded them
     """
 
-    def __init__(self, server: Any, ray_map: RayMap, state: ViewState | None = None) -> None:
+    def __init__(
+        self,
+        server: Any,
+        ray_map: RayMap,
+        state: ViewState | None = None,
+        *,
+        shelf: CriterionShelf | None = None,
+        bodies: Sequence[Body] | None = None,
+    ) -> None:
         self.server, self.page = server, server.state
-        self.session = Session(ray_map, state)
+        self.session = Session(ray_map, state, bodies)
         self.inquiry = Inquiry(self.session)
-        self.shelf = CriterionShelf()
+        self.shelf = shelf or CriterionShelf.of_user()
         self._painting = ThreadPoolExecutor(1, "paint")
         self._asking = ThreadPoolExecutor(2, "ask")
         self._tasks: set[asyncio.Task[Any]] = set()
@@ -321,17 +332,24 @@ class Core:
 
     async def _watch(self) -> None:
         """Take in what is recorded meanwhile."""
-        while not self.session.map.finished:
+        seen = None
+        # The last look comes after the end, which another browser's application may have met
+        while seen is None or not seen[1]:
+            seen = self._extent()
             await asyncio.sleep(REFRESH_SECONDS)
             try:
-                grown = await self._ask(self.session.map.refresh)
+                await self._ask(self.session.map.refresh)
             except (RayMapError, OSError) as error:
                 self.say(f"the map cannot be read any more: {error}", "error")
                 return
-            if grown:
+            if self._extent() != seen:
                 self._push()
                 if not self.page.searching:
                     await self._answer()
+
+    def _extent(self) -> tuple[int, bool]:
+        """What changes while the map grows."""
+        return self.session.map.rays, self.session.map.finished
 
     # -- report ----------------------------------------------------------------------------------
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import hmac
 import re
 import secrets
 from collections.abc import Awaitable, Callable
@@ -36,6 +37,12 @@ _NO_TOKEN = (
     "<h2>This address lacks its token</h2><p>Open the whole address that <code>raymap view</code> "
     "printed, with <code>?secret=…</code> in it.</p></body>"
 )
+_NO_ROOM = (
+    "<!doctype html><title>Raymap</title><body>"
+    "<h2>Other browsers show this map already</h2><p>Each browser has a session of its own, and "
+    "all of them are taken: close the page in another browser and wait a minute, or run "
+    "<code>raymap view</code> once more.</p></body>"
+)
 
 
 class Guard:
@@ -55,15 +62,29 @@ class Guard:
         self._token = token
         # A name of its own: cookies are shared by all ports of a host
         self._cookie = f"raymap-{secrets.token_hex(4)}"
-        self._key = secrets.token_urlsafe(24)
+        self._secret = secrets.token_bytes(32)
         self._scripts = " ".join(f"'{value}'" for value in script_hashes)
         self.in_notebook = False
         self._waiting: Callable[[], int] = lambda: 0
         self._sockets: Callable[[], int] = lambda: 0
+        self._has_room: Callable[[str | None], bool] = lambda browser: True
 
-    def watch(self, waiting: Callable[[], int], sockets: Callable[[], int]) -> None:
-        """Learn how many sockets said no token yet, and how many there are."""
-        self._waiting, self._sockets = waiting, sockets
+    def watch(
+        self,
+        *,
+        waiting: Callable[[], int],
+        sockets: Callable[[], int],
+        has_room: Callable[[str | None], bool],
+    ) -> None:
+        """Learn what there is.
+
+        Parameters
+        ----------
+        waiting : how many sockets said no token yet
+        sockets : how many there are
+        has_room : whether a browser, or a new one, may have an application
+        """
+        self._waiting, self._sockets, self._has_room = waiting, sockets, has_room
 
     # -- requests --------------------------------------------------------------------------------
 
@@ -83,12 +104,18 @@ class Guard:
         if request.method not in ("GET", "HEAD"):
             return 405, "this server only shows"
         known = self.knows(request)
+        browser = self.browser(request)
         if request.path == WEBSOCKET:
-            # What has no cookie says the token in its first message, or is answered nothing
+            if browser is None and not self.in_notebook:
+                # Browsers are told apart by their cookies alone
+                return 403, "open the page first: it sets the cookie that a socket needs"
+            # The frame of a notebook says the token in its first message
             full = self._sockets() >= MOST_SOCKETS or (
                 not known and self._waiting() >= MOST_WAITING
             )
             return (503, "too many connections") if full else None
+        if known and request.path in _PAGES and not self._has_room(browser):
+            return 503, _NO_ROOM
         if known:
             return None
         # The page needed the token and fetches its parts; in a frame it may have no cookie
@@ -98,18 +125,27 @@ class Guard:
     def knows(self, request: Any) -> bool:
         """Whether a request carries the token or the cookie."""
         given = request.query.get("secret", "")
-        return self.is_token(given) or self._has_cookie(request.headers.get("Cookie", ""))
+        return self.is_token(given) or self.browser(request) is not None
 
     def is_token(self, text: object) -> bool:
         """Whether a text is the token, found out in the same time for all."""
         given = text if isinstance(text, str) else ""
         return secrets.compare_digest(given.encode(), self._token.encode())
 
-    def _has_cookie(self, header: str) -> bool:
+    def browser(self, request: Any) -> str | None:
+        """Which browser asks, by the cookie that this server gave it; None without one."""
+        header = request.headers.get("Cookie", "")
         pairs = (part.strip().partition("=") for part in header[:8192].split(";"))
-        values = [value for name, _, value in pairs if name == self._cookie]
-        key = self._key.encode()
-        return any(secrets.compare_digest(value.encode(), key) for value in values)
+        for name, _, value in pairs:
+            if name == self._cookie:
+                browser, _, seal = value.partition(".")
+                if secrets.compare_digest(seal.encode(), self._seal(browser).encode()):
+                    return browser
+        return None
+
+    def _seal(self, browser: str) -> str:
+        """What nobody else can put behind the number of a browser."""
+        return hmac.digest(self._secret, browser.encode(), "sha256").hex()
 
     # -- answers ---------------------------------------------------------------------------------
 
@@ -125,8 +161,11 @@ class Guard:
         headers["Cache-Control"] = "no-store"
         if not self.in_notebook:
             headers["X-Frame-Options"] = "DENY"
-        if request.path in _PAGES and self.is_token(request.query.get("secret", "")):
-            headers["Set-Cookie"] = f"{self._cookie}={self._key}; Path=/; HttpOnly; SameSite=Strict"
+        opened = request.path in _PAGES and self.is_token(request.query.get("secret", ""))
+        if opened and self.browser(request) is None:
+            browser = secrets.token_hex(8)
+            value = f"{browser}.{self._seal(browser)}"
+            headers["Set-Cookie"] = f"{self._cookie}={value}; Path=/; HttpOnly; SameSite=Strict"
 
     def policy(self, host: str) -> str:
         """The content security policy of the page.

@@ -76,13 +76,19 @@ def tree_fields(rows: list[TreeRow], counts: dict[str, str]) -> list[dict[str, A
 
 
 class CriterionShelf:
-    """Recent and saved criteria of this user, in a small file of the configuration folder."""
+    """Recent and saved criteria, in a small file.
 
-    def __init__(self, path: Path | None = None) -> None:
-        base = os.environ.get("XDG_CONFIG_HOME") or str(Path.home() / ".config")
-        self.path = path or Path(base) / "raymap" / "criteria.json"
+    Parameters
+    ----------
+    path : of the file; None keeps them as long as the application runs
+    """
+
+    def __init__(self, path: Path | None) -> None:
+        self.path = path
         self.recent: list[str] = []
         self.saved: dict[str, str] = {}
+        if self.path is None:
+            return
         try:
             if self.path.stat().st_size <= _SHELF_BYTES:
                 stored = json.loads(self.path.read_text(encoding="utf-8"))
@@ -90,6 +96,17 @@ class CriterionShelf:
                 self.saved = {str(k): str(v) for k, v in stored.get("saved", {}).items()}
         except (OSError, ValueError, AttributeError):
             pass  # nothing kept yet, or nothing readable: begin afresh
+
+    @classmethod
+    def of_user(cls) -> CriterionShelf:
+        """Those of this user, in the configuration folder."""
+        base = os.environ.get("XDG_CONFIG_HOME") or str(Path.home() / ".config")
+        return cls(Path(base) / "raymap" / "criteria.json")
+
+    @classmethod
+    def empty(cls) -> CriterionShelf:
+        """For somebody who is not this user: begins without any, and leaves none behind."""
+        return cls(None)
 
     def use(self, text: str) -> None:
         """Put a criterion on top of the recent ones."""
@@ -108,6 +125,8 @@ class CriterionShelf:
         self._write()
 
     def _write(self) -> None:
+        if self.path is None:
+            return
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             part = self.path.with_suffix(f".{os.getpid()}.part")

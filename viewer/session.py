@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import threading
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, cast
 
@@ -24,6 +25,7 @@ from viewer.state import Camera, ViewState, check_camera
 
 if TYPE_CHECKING:
     from raymap.reader import RayMap
+    from viewer.bodies import Body
 
 __all__ = ["MOST_PIXELS", "MOST_PIXELS_ACROSS", "Session"]
 
@@ -41,6 +43,7 @@ class Session:
     ----------
     ray_map : an open map
     state : where to begin
+    bodies : of the scene, where they are loaded already
 
     Attributes
     ----------
@@ -49,11 +52,17 @@ class Session:
     chosen : the ray of the report, or None
     """
 
-    def __init__(self, ray_map: RayMap, state: ViewState | None = None) -> None:
+    def __init__(
+        self,
+        ray_map: RayMap,
+        state: ViewState | None = None,
+        bodies: Sequence[Body] | None = None,
+    ) -> None:
         ray_map.need_rays()
         self.map = ray_map
         self.state = state or ViewState()
-        self.painter = Painter(load_bodies(ray_map.directory, ray_map.meshes), ray_map.directory)
+        loaded = load_bodies(ray_map.directory, ray_map.meshes) if bodies is None else bodies
+        self.painter = Painter(loaded, ray_map.directory)
         self.drawing = Drawing(rays=no_rays(), labels={})
         self.chosen: DrawnRays | None = None
         self._shown: tuple[object, Shown] | None = None

@@ -10,14 +10,22 @@ from typing import Any
 
 SHOTS = Path(__file__).parent.parent.parent / "build" / "screenshots"
 
+WINDOW = {"viewport": {"width": 1440, "height": 900}, "accept_downloads": True}
+
 
 class Page:
-    """A tab, with the waits that a person does by looking."""
+    """A tab, with the waits that a person does by looking.
 
-    def __init__(self, browser: Any, url: str) -> None:
-        self.context = browser.new_context(
-            viewport={"width": 1440, "height": 900}, accept_downloads=True
-        )
+    Parameters
+    ----------
+    browser : of Playwright
+    url : to open
+    context : cookies and all else of the browser whose tab it is; by default a new browser
+    """
+
+    def __init__(self, browser: Any, url: str, context: Any = None) -> None:
+        self._shared = context is not None
+        self.context = context or browser.new_context(**WINDOW)
         self.tab = self.context.new_page()
         self.errors: list[str] = []
         self.hosts: set[str] = set()
@@ -80,4 +88,6 @@ class Page:
         self.tab.screenshot(path=SHOTS / f"{name}.png")
 
     def close(self) -> None:
-        self.context.close()
+        self.tab.close()
+        if not self._shared:
+            self.context.close()

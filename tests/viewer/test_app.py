@@ -14,7 +14,9 @@ import pytest
 import raymap
 from query import select
 from viewer.app import Application
-from viewer.server import RunningServer, make_server, run_in_thread
+from viewer.embedding import make_server
+from viewer.guard import Guard
+from viewer.server import RunningServer, run_in_thread
 from viewer.state import ViewState, state_to_address, state_to_json
 
 GHOST = 'count(hit("L1", reflected)) == 2 & detected("sensor")'
@@ -26,7 +28,7 @@ def drive(
     """Run a script against an application whose server is not started."""
 
     async def run() -> Application:
-        application = Application(make_server("token"), ray_map, ViewState(rays=100))
+        application = Application(make_server(Guard("token", ())), ray_map, ViewState(rays=100))
 
         async def call(name: str, *arguments: Any) -> Any:
             """What the page does; waits until all that it set off is done."""

@@ -16,7 +16,7 @@ import pytest
 import raymap
 from query import select
 from query.ray_report import report
-from tests.viewer.page import Page
+from tests.viewer.page import WINDOW, Page
 from tests.viewer.small_map import make_directory, make_portion, rgb_channels, write_map
 from viewer.server import RunningServer, run_in_thread
 from viewer.state import ViewState, state_from_address
@@ -63,9 +63,17 @@ def server(map_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator
             running.stop()
 
 
+@pytest.fixture(scope="module")
+def context(browser: Any) -> Iterator[Any]:
+    """The one browser of most of these tests, as the server knows it by its cookie."""
+    opened = browser.new_context(**WINDOW)
+    yield opened
+    opened.close()
+
+
 @pytest.fixture
-def page(browser: Any, server: RunningServer) -> Iterator[Page]:
-    opened = Page(browser, server.url)
+def page(browser: Any, context: Any, server: RunningServer) -> Iterator[Page]:
+    opened = Page(browser, server.url, context)
     if opened.get("criterion").input_value():
         opened.ask("")
     yield opened
@@ -341,11 +349,11 @@ def test_files_are_saved(page: Page, tmp_path: Path) -> None:
 
 
 def test_two_tabs_share_a_session_and_one_may_close(
-    browser: Any, page: Page, server: RunningServer
+    browser: Any, context: Any, page: Page, server: RunningServer
 ) -> None:
     page.ask(GHOSTS)
     page.tab.wait_for_function("location.hash.length > 10")
-    other = Page(browser, f"{server.url}#{page.tab.url.partition('#')[2]}")
+    other = Page(browser, f"{server.url}#{page.tab.url.partition('#')[2]}", context)
     assert other.get("criterion").input_value() == GHOSTS
     page.wait_text("messages", "2 tabs")
     other.ask(TUBE)
@@ -353,6 +361,52 @@ def test_two_tabs_share_a_session_and_one_may_close(
     other.close()
     page.ask("")
     assert page.text("answer").startswith("1,200 of")
+
+
+def test_each_browser_has_a_session_of_its_own(
+    browser: Any, map_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    with raymap.open(map_path) as ray_map:
+        running = run_in_thread(ray_map, ViewState(rays=100))
+        running.browsers.most = 2
+        mine = Page(browser, running.url)
+        mine.ask(GHOSTS)
+        mine.show("detector")
+        # Another browser begins where the command said, and sees nothing of the first
+        theirs = Page(browser, running.url)
+        assert theirs.get("criterion").input_value() == ""
+        assert theirs.text("answer").startswith("1,200 of 1,200")
+        theirs.show("criterion")
+        assert "None yet" in theirs.text("recent")
+        theirs.ask(TUBE)
+        theirs.get("dark").click()
+        assert mine.get("criterion").input_value() == GHOSTS
+        assert mine.text("answer").startswith(f"{select(ray_map, GHOSTS).matched:,} of")
+        assert running.application.session.state.criterion == GHOSTS
+        assert running.application.session.state.dark
+        mine.tab.reload()
+        mine.settle()
+        assert mine.get("criterion").input_value() == GHOSTS
+        theirs.shot("11-another-browser")
+        # There is a bound, and it is said
+        late = browser.new_context()
+        tab = late.new_page()
+        answer = tab.goto(running.url)
+        assert answer.status == 503
+        assert "Other browsers show this map already" in tab.inner_text("body")
+        # Who is there may go on, and who went makes room
+        mine.ask(TUBE)
+        monkeypatch.setattr("viewer.browsers._KEPT_SECONDS", 0.0)
+        theirs.close()
+        tab.wait_for_timeout(500)
+        again = Page(browser, running.url, late)
+        assert again.get("criterion").input_value() == ""
+        assert len(running.browsers) == 2
+        assert mine.errors == again.errors == []
+        late.close()
+        mine.close()
+        running.stop()
 
 
 def test_the_address_restores_a_session(browser: Any, server: RunningServer, page: Page) -> None:
@@ -410,14 +464,17 @@ def test_a_map_that_is_recorded_grows_on_the_page(
     writer.append(make_portion(100))
     with raymap.open(path) as ray_map:
         running = run_in_thread(ray_map)
-        opened = Page(browser, running.url)
-        opened.wait_text("app", "recording")
-        opened.wait_text("answer", "100 of 100")
+        pages = [Page(browser, running.url) for _ in range(2)]
+        for opened in pages:
+            opened.wait_text("app", "recording")
+            opened.wait_text("answer", "100 of 100")
         writer.append(make_portion(150, 100))
-        opened.wait_text("answer", "250 of 250")
+        for opened in pages:
+            opened.wait_text("answer", "250 of 250")
         writer.finish()
-        opened.tab.wait_for_function("!document.body.innerText.includes('recording')")
-        assert opened.errors == []
-        opened.close()
+        for opened in pages:
+            opened.tab.wait_for_function("!document.body.innerText.includes('recording')")
+            assert opened.errors == []
+            opened.close()
         running.stop()
     writer.close()

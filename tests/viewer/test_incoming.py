@@ -6,18 +6,18 @@ import asyncio
 import math
 import resource
 import threading
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
 import aiohttp
-import msgpack
 import pytest
-from wslink.chunking import generate_chunks
 
 import raymap
+from tests.viewer.socket_page import Client
 from viewer.core import MOST_TASKS
-from viewer.incoming import FIELDS, MOST_BYTES
+from viewer.incoming import FIELDS
 from viewer.server import RunningServer, run_in_thread
 from viewer.state import ViewState
 
@@ -32,52 +32,48 @@ def server(map_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator
             running.stop()
 
 
-class Client:
-    """A page made by hand."""
-
-    def __init__(self, socket: Any) -> None:
-        self.socket, self.number = socket, 0
-        self.state: dict[str, Any] = {}
-
-    async def call(self, method: str, *args: Any, **kwargs: Any) -> Any:
-        """Send a call and wait for its answer; states that come meanwhile are kept."""
-        self.number += 1
-        name = f"rpc:c:{self.number}"
-        await self.raw({"wslink": "1.0", "id": name, "method": method, "args": list(args),
-                        "kwargs": kwargs})  # fmt: skip
-        while True:
-            found = await self.receive()
-            if found.get("id") == name:
-                return found.get("result", found.get("error"))
-
-    async def receive(self) -> dict[str, Any]:
-        parts: list[bytes] = []
-        while True:
-            message = await asyncio.wait_for(self.socket.receive(), 120)
-            assert message.type == aiohttp.WSMsgType.BINARY, message
-            parts.append(message.data[12:])
-            if sum(map(len, parts)) >= int.from_bytes(message.data[8:12], "little"):
-                found = msgpack.unpackb(b"".join(parts), strict_map_key=False)
-                if "trame.state.topic" in str(found.get("id")):
-                    self.state.update(found["result"])
-                return dict(found)
-
-    async def raw(self, message: Any) -> None:
-        for chunk in generate_chunks(msgpack.packb(message), MOST_BYTES):
-            await self.socket.send_bytes(chunk)
-
-    async def hello(self, secret: str) -> Any:
-        await self.raw({"wslink": "1.0", "id": "system:c0:0", "method": "wslink.hello",
-                        "args": [{"secret": secret}], "kwargs": {}})  # fmt: skip
-        return await self.receive()
+def socket_of(server: RunningServer) -> str:
+    return f"http://localhost:{server.server.port}/ws"
 
 
-def drive(server: RunningServer, script: Any, secret: str | None = None) -> Any:
+@asynccontextmanager
+async def browser(server: RunningServer) -> AsyncIterator[aiohttp.ClientSession]:
+    """The one browser of these tests: it keeps its cookie."""
+    async with aiohttp.ClientSession(headers=COOKIES.get(server, {})) as session:
+        async with session.get(server.url) as page:
+            assert page.status == 200
+            if "Set-Cookie" in page.headers:
+                COOKIES[server] = {"Cookie": page.headers["Set-Cookie"].partition(";")[0]}
+        yield session
+
+
+COOKIES: dict[RunningServer, dict[str, str]] = {}
+
+
+def frame(server: RunningServer, script: Any, secret: str) -> Any:
+    """A page in the frame of a notebook: without cookie, it says the token in its first message."""
+
     async def run() -> Any:
-        where = f"http://localhost:{server.server.port}/ws"
-        async with aiohttp.ClientSession() as session, session.ws_connect(where) as socket:
+        async with (
+            aiohttp.ClientSession() as session,
+            session.ws_connect(socket_of(server)) as socket,
+        ):
             client = Client(socket)
-            await client.hello(server.token if secret is None else secret)
+            await client.hello(secret)
+            return await script(client)
+
+    server.browsers.guard.in_notebook = True
+    try:
+        return asyncio.run(run())
+    finally:
+        server.browsers.guard.in_notebook = False
+
+
+def drive(server: RunningServer, script: Any) -> Any:
+    async def run() -> Any:
+        async with browser(server) as session, session.ws_connect(socket_of(server)) as socket:
+            client = Client(socket)
+            await client.hello(server.token)
             return await script(client)
 
     return asyncio.run(run())
@@ -234,7 +230,7 @@ def test_without_token_nothing_is_answered(
             assert "Unauthorized" in str(found), found
 
     for wrong in ("", "wslink-secret", server.token[:-1], server.token + "x"):
-        drive(server, script, wrong)
+        frame(server, script, wrong)
 
     monkeypatch.setattr("viewer.incoming._LOGIN_SECONDS", 0.5)
 
@@ -242,10 +238,10 @@ def test_without_token_nothing_is_answered(
         message = await asyncio.wait_for(client.socket.receive(), 60)
         assert message.type in (aiohttp.WSMsgType.CLOSE, aiohttp.WSMsgType.CLOSED)
 
-    drive(server, idle, "wrong")
+    frame(server, idle, "wrong")
 
     async def many() -> int:
-        where = f"http://localhost:{server.server.port}/ws"
+        where = socket_of(server)
         async with aiohttp.ClientSession() as session:
             refused, sockets = 0, []
             for _ in range(12):
@@ -258,7 +254,17 @@ def test_without_token_nothing_is_answered(
         return refused
 
     monkeypatch.setattr("viewer.incoming._LOGIN_SECONDS", 60)
-    assert asyncio.run(many()) >= 4
+    assert asyncio.run(many()) == 0
+    server.browsers.guard.in_notebook = True
+    try:
+        assert asyncio.run(many()) >= 4
+    finally:
+        server.browsers.guard.in_notebook = False
+
+    async def known(client: Client) -> None:
+        assert (await client.call("trame.state.get"))["state"]["map_name"] == "small.raymap"
+
+    frame(server, known, server.token)
 
 
 def test_a_flood_of_requests_is_left_out(server: RunningServer) -> None:
