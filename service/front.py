@@ -49,10 +49,19 @@ class Refused(RayMapError):
 
 @dataclass
 class Streams:
-    """The streams of a connection that neither side has ended."""
+    """The streams of a connection that neither side has ended.
+
+    Attributes
+    ----------
+    opened : which sides have ended each of them
+    owed : since when the client owes the end of a message, or of the stream [s]
+    asked : whether any request ever came to its end
+    """
 
     most: int
     opened: dict[int, set[str]] = field(default_factory=dict)
+    owed: dict[int, float] = field(default_factory=dict)
+    asked: bool = False
 
     def open(self, stream: int) -> None:
         """The client opens a stream.
@@ -66,18 +75,37 @@ class Streams:
             if len(self.opened) >= self.most:
                 raise Refused(f"more than {self.most} requests at a time on one connection")
             self.opened[stream] = set()
+            self.owed[stream] = time.monotonic()
+
+    def hear(self, stream: int) -> None:
+        """A message of the client came to its end."""
+        if stream in self.owed:
+            self.owed[stream] = time.monotonic()
+
+    def wait(self, seconds: float) -> None:
+        """The client had to wait for so long."""
+        for stream in self.owed:
+            self.owed[stream] += seconds
+
+    def overdue(self, seconds: float) -> bool:
+        """Whether the client owes something for longer than that."""
+        return bool(self.owed) and min(self.owed.values()) < time.monotonic() - seconds
 
     def end(self, stream: int, side: str) -> None:
         """One side has said all that it had to say."""
         ended = self.opened.get(stream)
         if ended is not None:
             ended.add(side)
+            if side == "client":
+                self.owed.pop(stream, None)
+                self.asked = True
             if len(ended) == 2:
-                del self.opened[stream]
+                self.reset(stream)
 
     def reset(self, stream: int) -> None:
         """A side has given a stream up."""
         self.opened.pop(stream, None)
+        self.owed.pop(stream, None)
 
 
 class Total:
@@ -147,6 +175,7 @@ class Sieve:
             self._count(message, size)
         if not message.left:
             self._count(message, 0)
+            self.streams.hear(stream)
 
     def _count(self, message: _Message, size: int) -> None:
         self.total.taken += size - message.counted
@@ -376,10 +405,12 @@ class Front:
     def _admitted(self, own: _Connection) -> bool:
         """Take a connection in; where there are too many, one that asks nothing has to go."""
         if len(self._connections) >= self.limits.connections:
+            # Who never asked to the end may be anybody; what is asked has a token or has ended
             idle = [each for each in self._connections if not each.streams.opened]
-            if not idle:
+            unheard = [each for each in self._connections if not each.streams.asked]
+            if not idle and not unheard:
                 return False
-            oldest = min(idle, key=lambda each: each.used)
+            oldest = min(idle or unheard, key=lambda each: each.used)
             self._connections.discard(oldest)
             oldest.writer.transport.abort()
         self._connections.add(own)
@@ -389,11 +420,32 @@ class Front:
         self, own: _Connection, reader: asyncio.StreamReader, inner: asyncio.StreamWriter,
         sieve: Sieve,
     ) -> None:  # fmt: skip
-        while data := await reader.read(_CHUNK):
+        while data := await self._heard(own, reader):
             own.used = time.monotonic()
             sieve.take(data)
             inner.write(data)
+            began = time.monotonic()
             await inner.drain()
+            # What the server takes its time for, the client does not owe
+            own.streams.wait(time.monotonic() - began)
+
+    async def _heard(self, own: _Connection, reader: asyncio.StreamReader) -> bytes:
+        """What comes next; a client that owes something may not let others wait for ever."""
+        while True:
+            with suppress(TimeoutError):
+                async with asyncio.timeout(self.limits.stall_seconds / 4):
+                    data = await reader.read(_CHUNK)
+                    break
+            self._check_owed(own)
+        self._check_owed(own)
+        return data
+
+    def _check_owed(self, own: _Connection) -> None:
+        if own.streams.overdue(self.limits.stall_seconds):
+            raise Refused(
+                f"a message, or a request, did not come to its end within "
+                f"{self.limits.stall_seconds:g} s"
+            )
 
     async def _outward(
         self, own: _Connection, back: asyncio.StreamReader, writer: asyncio.StreamWriter,
