@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from numbers import Integral
 from typing import Any
 
 from pydantic import ValidationError
@@ -12,6 +13,7 @@ from raymap.directory import ChannelSet, Directory, DisplayMesh
 from raymap.errors import FormatError, LimitExceeded
 from raymap.jsontext import parse_json, whole_number, write_json
 from raymap.layout import CHANNELS, DIRECTORY, RUN
+from raymap.limits import MAX_RAY
 from raymap.meshstreams import add_meshes, meshes_of_version_1, read_meshes
 from raymap.objectstreams import add_objects, read_objects
 from raymap.sceneobjects import SceneObjects
@@ -119,7 +121,7 @@ def parse_channel_set(data: bytes | dict[str, Any]) -> ChannelSet:
 
 def pack_run(run: Mapping[str, Any]) -> list[Any]:
     """A run chunk as buffers."""
-    return _pack_json(RUN, dict(run), "the description of a run")
+    return _pack_json(RUN, run_of(run), "the description of a run")
 
 
 def read_run(file: MapFile, chunk: Chunk) -> dict[str, Any]:
@@ -128,9 +130,30 @@ def read_run(file: MapFile, chunk: Chunk) -> dict[str, Any]:
 
 
 def run_of(values: Mapping[str, Any]) -> dict[str, Any]:
-    """A run from JSON values: the numbers that count in it as numbers."""
-    counts = {key: whole_number(values[key]) for key in _COUNTED if key in values}
-    return {**values, **counts}
+    """A run from JSON values: the numbers that count in it as numbers.
+
+    Raises
+    ------
+    FormatError
+        What it says is not of the kind that it must be.
+    """
+    if not isinstance(values, Mapping):
+        raise FormatError("a run is no JSON object")
+    run = {key: whole_number(value) if key in _COUNTED else value for key, value in values.items()}
+    for key in _COUNTED:
+        value = run.get(key)
+        if value is None:
+            continue
+        if isinstance(value, bool) or not isinstance(value, Integral):
+            raise FormatError(f"{key} of a run is {value!r}, no whole number")
+        run[key] = int(value)
+    for key in ("first_portion", "first_ray"):
+        if not 0 <= (run.get(key) or 0) <= MAX_RAY:
+            raise FormatError(f"{key} of a run is {run[key]}, no number of a map")
+    for key in ("parameters", "statistics"):
+        if not isinstance(run.get(key) or {}, Mapping):
+            raise FormatError(f"{key} of a run are no JSON object")
+    return run
 
 
 _COUNTED = ("seed", "first_portion", "first_ray")

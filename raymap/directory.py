@@ -29,7 +29,7 @@ from pydantic import (
 )
 
 from raymap.entry import Entry, Name, Parameters, PlainText, Vector
-from raymap.limits import MAX_CELLS_PER_SIDE, MAX_CHANNELS, MAX_INDEX
+from raymap.limits import MAX_CELLS_PER_SIDE, MAX_CHANNELS, MAX_INDEX, MAX_WAVELENGTH_NM
 from raymap.sceneobjects import Face, ObjectColumns, Quadric, SceneObject, SceneObjects
 from raymap.schema import NONE
 
@@ -50,6 +50,9 @@ __all__ = [
 
 
 Numbers = Annotated[tuple[float, ...], FailFast()]
+Wavelengths = Annotated[
+    tuple[Annotated[float, Field(gt=0.0, le=MAX_WAVELENGTH_NM)], ...], FailFast()
+]
 
 
 class Source(Entry):
@@ -157,7 +160,7 @@ class ChannelSet(Entry):
     """
 
     kind: Literal["rgb", "spectral"]
-    wavelengths_nm: Annotated[Numbers, Field(min_length=1, max_length=MAX_CHANNELS)]
+    wavelengths_nm: Annotated[Wavelengths, Field(min_length=1, max_length=MAX_CHANNELS)]
     luminous: Numbers = ()
     display_rgb: Annotated[tuple[Vector, ...], FailFast()] = ()
     refractive_index: Annotated[tuple[Numbers, ...], FailFast()] = ()

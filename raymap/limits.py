@@ -31,6 +31,7 @@ __all__ = [
     "MAX_RECORDS",
     "MAX_STREAMS",
     "MAX_STREAM_NAME",
+    "MAX_WAVELENGTH_NM",
     "RECORDS_FLOOR",
     "RECORDS_PER_BYTE",
     "affordable",
@@ -78,6 +79,9 @@ MAX_STREAMS = 65535
 
 MAX_STREAM_NAME = 32
 """Bytes of a stream's name."""
+
+MAX_WAVELENGTH_NM = 10**12
+"""Of a channel: a kilometre; `float32`, in which light leaves a map, holds it."""
 
 JSON_FLOOR, JSON_PER_BYTE = 2**22, 64
 """Bytes of a JSON text that any file may hold, and as many times the bytes of the file."""

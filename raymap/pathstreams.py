@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from raymap.directory import Directory
 from raymap.errors import FormatError
 
-__all__ = ["Bounds", "check_itineraries", "offsets_from_counts"]
+__all__ = ["Bounds", "check_amounts", "check_itineraries", "offsets_from_counts"]
 
 Reader = Callable[[str, "int | None", Any], NDArray[Any]]
 
@@ -98,6 +98,18 @@ def offsets_from_counts(counts: NDArray[Any], total: int | None, what: str) -> N
     if total is not None and int(offsets[-1]) != total:
         raise FormatError(f"{what} add up to {int(offsets[-1])}, not {total}")
     return offsets
+
+
+def check_amounts(what: str, column: NDArray[Any]) -> NDArray[Any]:
+    """Refuse weights and sums of weights that are negative or no numbers.
+
+    Raises
+    ------
+    FormatError
+    """
+    if column.size and not 0.0 <= float(column.min()) <= float(column.max()) < np.inf:
+        raise FormatError(f"{what} are negative or not finite")
+    return column
 
 
 def check_itineraries(read: Reader, n_paths: int, bounds: Bounds) -> CheckedPaths:

@@ -14,7 +14,12 @@ from raymap.errors import DamagedPortion, FormatError
 from raymap.footer import IndexEntry
 from raymap.layout import PORTION, ChunkHeader, StreamEntry
 from raymap.paths import PathDictionary
-from raymap.pathstreams import CheckedPaths, check_itineraries, offsets_from_counts
+from raymap.pathstreams import (
+    CheckedPaths,
+    check_amounts,
+    check_itineraries,
+    offsets_from_counts,
+)
 from raymap.portionmeta import PortionMeta
 from raymap.schema import COLOR_SCALE, NONE
 from raymap.streams import decode_column
@@ -183,11 +188,11 @@ class PortionStreams:
         rays = self._counted_rays()
         weighted = "path.sum_w" in self._streams
         n = meta.n_paths
-        sum_w2 = self._stream("path.sum_w2", n, np.float64) if weighted else rays.astype(float)
+        sum_w2 = self._amounts("path.sum_w2", n) if weighted else rays.astype(float)
         return PathDictionary(
             **columns._asdict(),
             rays=rays,
-            sum_w=self._stream("path.sum_w", n, np.float64) if weighted else rays.astype(float),
+            sum_w=self._amounts("path.sum_w", n) if weighted else rays.astype(float),
             sum_w2=sum_w2,
             sum_wc=self._color_sums(n),
             sum_wy2=self._worth_squares(n, sum_w2),
@@ -261,8 +266,10 @@ class PortionStreams:
         else:
             own = self._stream("path.sum_c", n_paths, np.uint64, matrix=True) / COLOR_SCALE
         own = own.reshape(n_paths, -1)
-        if not np.isfinite(own).all():
-            raise self._damaged("a sum of colours is no number")
+        try:
+            check_amounts("sums of colour", own)
+        except FormatError as error:
+            raise self._damaged(str(error)) from None
         if own.shape[1] != self._map.channel_sets[self.channel_set].n_channels:
             raise self._damaged("colours of the paths have another number of channels")
         sums[self.channel_set] = own
@@ -276,7 +283,7 @@ class PortionStreams:
             return sum_w2 if light.unit == "lm" else None
         if "path.sum_wy2" not in self._streams:
             return None
-        return self._stream("path.sum_wy2", n_paths, np.float64)
+        return self._amounts("path.sum_wy2", n_paths)
 
     def _points(self, name: str) -> NDArray[Any]:
         """A column that the path dictionary implies."""
@@ -320,12 +327,27 @@ class PortionStreams:
     def _column_weight(self) -> NDArray[np.float32]:
         if not self.has_weights:
             return np.ones(self.n_rays, np.float32)
-        return self._stream("weight", self.n_rays, np.float32)
+        return self._amounts("weight", self.n_rays, np.float32)
+
+    def _amounts(self, name: str, rows: int, dtype: Any = np.float64) -> NDArray[Any]:
+        """A column of weights or of their sums."""
+        column = self._stream(name, rows, dtype)
+        try:
+            return check_amounts(f"values of {name!r}", column)
+        except FormatError as error:
+            raise self._damaged(str(error)) from None
 
     def _column_descriptor_count(self) -> NDArray[np.uint16]:
         if self.has_paths:
-            return self._expand(np.diff(self._itineraries.detector_offsets).astype(np.uint16))
-        return self._stream("path.meetings", self.n_records, np.uint16)
+            counts = self._expand(np.diff(self._itineraries.detector_offsets).astype(np.uint16))
+        else:
+            counts = self._stream("path.meetings", self.n_records, np.uint16)
+        total = int(counts.sum(dtype=np.int64))
+        if total != self.n_descriptors:
+            raise self._damaged(
+                f"descriptors of records add up to {total}, not {self.n_descriptors}"
+            )
+        return counts
 
     def _column_first_descriptor(self) -> NDArray[np.int32]:
         counts = self._column_descriptor_count()

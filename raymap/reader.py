@@ -35,6 +35,7 @@ from raymap.errors import (
     FormatError,
     NoRays,
     NotARayMap,
+    RayMapError,
     RayNotFound,
 )
 from raymap.footer import (
@@ -318,7 +319,15 @@ class RayMap:
         return {}
 
     def photometry(self, channel_set: int) -> Photometry:
-        """What light in the channels of a set is worth, in watt, lumen and colour."""
+        """What light in the channels of a set is worth, in watt, lumen and colour.
+
+        Raises
+        ------
+        RayMapError
+            Nothing was recorded yet, so that the map has no channels.
+        """
+        if not self.channel_sets:
+            raise RayMapError(f"{self.path} has no channels: nothing was recorded in it yet")
         chosen = self.channel_sets[channel_set]
         known = self._photometry.get(channel_set)
         if known is None or known[0] is not chosen:

@@ -8,11 +8,15 @@ read, asked and verified. Whatever the values say:
 - no compiled loop leaves its arrays (run with Numba's bounds checks, or this proves nothing of it);
 - where a single value was changed that the map says twice, `verify` finds it;
 - where a single value was changed that stands for itself, it is read back exactly.
+
+Cases are numbered and drawn from their number alone: ``--first N --cases 1`` repeats one. They run
+in another process, whose end by a signal is a finding like any other.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import copy
 import dataclasses
 import json
@@ -23,6 +27,7 @@ import sys
 import tempfile
 import time
 import traceback
+import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -33,7 +38,6 @@ import numpy as np  # noqa: E402
 import xxhash  # noqa: E402
 
 import raymap  # noqa: E402
-from query import parse, path_table, select  # noqa: E402
 from raymap.chunks import MapFile  # noqa: E402
 from raymap.layout import (  # noqa: E402
     FILE_HEADER_SIZE,
@@ -48,25 +52,10 @@ from raymap.layout import (  # noqa: E402
 from raymap.repair import repair  # noqa: E402
 from raymap.streams import STORED, WHOLE, decode_column, kind_of  # noqa: E402
 from raymap.verify import verify  # noqa: E402
+from tests.fuzz.questions import ask  # noqa: E402
+from tests.fuzz.supervised import Counts, Progress, supervise  # noqa: E402
 from tests.raymap.maps import COLORED, RGB, portion_at, small_directory, write_small  # noqa: E402
 
-_CRITERIA = tuple(
-    parse(text)
-    for text in (
-        'hit("*", reflected)',
-        "length > 10",
-        'incidence(hit("*")) < 30 deg',
-        "wavelength > 500 nm",
-        'detected("*", rect(0, 0, 1, 2))',
-        'hit("*") -> crossed("*")',
-        'path("* (.)* @* .*")',
-        'count(hit("*")) >= 2',
-        'last(hit("*")) & medium("*")',
-        "flux > 0.001 W",
-        'hit("*.#0")',
-        "optical_length > 3",
-    )
-)
 _JSON = ("json",)
 
 _STATED_TWICE = (
@@ -176,16 +165,21 @@ def _pack_footer(part: Part, places: dict[int, tuple[int, int, int]]) -> bytes:
     by_name = {stream.name: stream for stream in moved.streams}
     for kind in ("portion", "chunk"):
         stream = by_name.get(f"{kind}.offset")
-        if stream is None:
+        if stream is None or stream.values.ndim != 1 or stream.values.dtype.kind not in "iu":
             continue
         for row, old in enumerate(stream.values.tolist()):
             if old not in places:
                 continue
-            stream.values[row] = places[old][0]
+            stream.values[row] = min(places[old][0], np.iinfo(stream.values.dtype).max)
             for number, name in ((1, "size"), (2, "head_size")):
                 sizes = by_name.get(f"{kind}.{name}")
-                if sizes is not None and row < len(sizes.values) and sizes.values[row] == 0:
-                    sizes.values[row] = places[old][number]
+                if sizes is None or sizes.values.ndim != 1 or row >= len(sizes.values):
+                    continue
+                if sizes.values[row] == 0:
+                    most = (
+                        np.iinfo(sizes.values.dtype).max if sizes.values.dtype.kind in "iu" else 1
+                    )
+                    sizes.values[row] = min(places[old][number], most)
     moved.streams = [stream for stream in moved.streams if stream.name != "tail"]
     tail = Stream("tail", 0, 0, 1, np.zeros(24, np.uint8))
     moved.streams.append(tail)
@@ -362,7 +356,11 @@ def _change_table(part: Part, stream: Stream, dice: random.Random) -> None:
 
 
 def _change_text(stream: Stream, dice: random.Random) -> None:
-    data = json.loads(stream.values.tobytes())
+    try:
+        data = json.loads(stream.values.tobytes())
+    except ValueError:
+        # Another change put something else here
+        return
     leaves: list[tuple[object, object]] = []
     _walk(data, leaves)
     if not leaves:
@@ -400,31 +398,14 @@ def exercise(path: Path, dice: random.Random) -> tuple[bool, dict[str, np.ndarra
         return False, columns
     with ray_map:
         ray_map.describe()
-        for attribute in ("meshes", "merged"):
-            _quietly(lambda attribute=attribute: getattr(ray_map, attribute))
-        for detector in ray_map.directory.detectors:
-            for channel_set in range(len(ray_map.channel_sets)):
-                _quietly(lambda name=detector.name, n=channel_set: ray_map.detector_result(name, n))
+        ask(ray_map, dice, path.parent)
         for number, stored in enumerate(ray_map.portions):
-            _quietly(lambda stored=stored: (stored.segments(), stored.paths().sum_wc))
             for name in _FREE.values():
-                try:
+                with contextlib.suppress(KeyError, raymap.FormatError):
                     columns[f"{number}.{name}"] = stored.column(name)
-                except (KeyError, raymap.FormatError):
-                    continue
-        for criterion in dice.sample(_CRITERIA, 3):
-            _quietly(lambda criterion=criterion: select(ray_map, criterion, threads=1).ray_ids)
-        _quietly(lambda: path_table(ray_map, None, threads=1).rows(3))
-    with raymap.open(path, on_damage="skip") as ray_map:
+        # Opens the file anew: what was found damaged by now does not count
         sound = not verify(ray_map).damage
     return sound, columns
-
-
-def _quietly(action: object) -> None:
-    try:
-        action()  # type: ignore[operator]
-    except raymap.RayMapError:
-        return
 
 
 def one_case(seed: Seed, dice: random.Random, path: Path) -> int:
@@ -484,28 +465,42 @@ def _equal(a: list[Part], b: list[Part]) -> bool:
     )
 
 
-def run(seconds: float, first: int, folder: Path, *, cases: int | None = None) -> dict[str, int]:
+def run(
+    seconds: float,
+    first: int,
+    folder: Path,
+    *,
+    cases: int | None = None,
+    progress: Progress | None = None,
+) -> Counts:
     """Cases for some time; prints what fails with the number that repeats it."""
     all_seeds = seeds(folder)
+    # A warning of NumPy on somebody's terminal is no clear line
+    warnings.simplefilter("error", RuntimeWarning)
     path = folder / "changed.raymap"
     begin, number = time.monotonic(), first
     counts = {"cases": 0, "changes": 0, "failures": 0}
-    shown = time.monotonic()
     while time.monotonic() - begin < seconds and counts["cases"] != cases:
+        if progress is not None:
+            progress.begin(number, counts)
         dice = random.Random(number)
         try:
             counts["changes"] += one_case(dice.choice(all_seeds), dice, path)
         except Exception:
             counts["failures"] += 1
             print(f"case {number}:\n{traceback.format_exc()}", flush=True)
-            if counts["failures"] > 200:
+            if counts["failures"] > 1000:
                 break
         counts["cases"] += 1
         number += 1
-        if time.monotonic() - shown > 60:
-            print(counts, flush=True)
-            shown = time.monotonic()
+    if progress is not None:
+        progress.begin(number, counts)
     return counts
+
+
+def _in_memory() -> str | None:
+    """A folder whose files lie in memory, where the system has one."""
+    return "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
 
 
 def main() -> int:
@@ -513,14 +508,27 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Fuzz maps with valid checksums.")
     parser.add_argument("seconds", type=float, nargs="?", default=3600.0)
     parser.add_argument("--first", type=int, default=0, help="number of the first case")
-    parser.add_argument("--cases", type=int, help="stop after so many")
+    parser.add_argument("--cases", type=int, help="stop after so many, in this process")
+    parser.add_argument("--progress", type=Path, help=argparse.SUPPRESS)
     given = parser.parse_args()
     if os.environ.get("NUMBA_BOUNDSCHECK") != "1":
         print("without NUMBA_BOUNDSCHECK=1 loops that leave their arrays go unseen", flush=True)
-    with tempfile.TemporaryDirectory(prefix="raymap-values-") as folder:
-        counts = run(given.seconds, given.first, Path(folder), cases=given.cases)
-    print(counts)
-    return int(counts["failures"] > 0)
+    with tempfile.TemporaryDirectory(prefix="raymap-values-", dir=_in_memory()) as name:
+        folder = Path(name)
+        if given.cases is not None or given.progress is not None:
+            progress = None if given.progress is None else Progress(given.progress)
+            counts = run(given.seconds, given.first, folder, cases=given.cases, progress=progress)
+        else:
+            counts = supervise(_worker, given.first, given.seconds, folder)
+    print(counts, flush=True)
+    return int(counts["failures"] > 0 or counts.get("crashes", 0) > 0)
+
+
+def _worker(first: int, seconds: float, progress: Path) -> list[str]:
+    return [
+        sys.executable, str(Path(__file__).resolve()), str(seconds),
+        "--first", str(first), "--progress", str(progress),
+    ]  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -1,0 +1,130 @@
+"""What is asked of a map whose values were changed: everything that the product answers."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+from pathlib import Path
+
+import raymap
+from query import (
+    audit,
+    compare,
+    detector_images,
+    explain,
+    ghost_matrix,
+    ghost_table,
+    illuminated,
+    parse,
+    path_table,
+    rays_at,
+    report,
+    select,
+    sweep,
+)
+from raymap.repair import repair
+
+__all__ = ["ask"]
+
+Question = Callable[[raymap.RayMap, Path], object]
+
+_CRITERIA = tuple(
+    parse(text)
+    for text in (
+        'hit("*", reflected)',
+        "length > 10",
+        'incidence(hit("*")) < 30 deg',
+        "wavelength > 500 nm",
+        'detected("*", rect(0, 0, 1, 2))',
+        'hit("*") -> crossed("*")',
+        'path("* (.)* @* .*")',
+        'count(hit("*")) >= 2',
+        'last(hit("*")) & medium("*")',
+        "flux > 0.001 W",
+        'hit("*.#0")',
+        "optical_length > 3",
+        'source("l*") & !detected("sensor")',
+        'detected("sensor", ellipse(0, 0, 20, 10))',
+        "bounces > 1",
+    )
+)
+
+
+def _every_column(ray_map: raymap.RayMap, _: Path) -> None:
+    for portion in ray_map.portions:
+        portion.segments()
+        portion.read()
+
+
+def _results(ray_map: raymap.RayMap, _: Path) -> None:
+    for detector in ray_map.directory.detectors:
+        for channel_set in range(len(ray_map.channel_sets)):
+            ray_map.detector_result(detector.name, channel_set)
+
+
+def _report(ray_map: raymap.RayMap, _: Path) -> None:
+    for portion in ray_map.portions:
+        for ray in portion.ray_ids()[:2].tolist():
+            report(ray_map, ray)
+
+
+def _places(ray_map: raymap.RayMap, _: Path) -> None:
+    found = select(ray_map, None, threads=1)
+    for place in ("sensor", "lens"):
+        for rays in rays_at(found, place):
+            len(rays.position)
+
+
+def _copy(ray_map: raymap.RayMap, folder: Path) -> None:
+    for portion in ray_map.portions[:1]:
+        raymap.copy_selection(ray_map, portion.ray_ids()[::2], folder / "copy.raymap", force=True)
+
+
+def _repaired(ray_map: raymap.RayMap, folder: Path) -> None:
+    repair(ray_map, folder / "repaired.raymap", force=True)
+
+
+def _table(ray_map: raymap.RayMap, _: Path) -> None:
+    table = path_table(ray_map, None, threads=1)
+    table.rows(3)
+
+
+_DEAR: tuple[Question, ...] = (
+    _every_column,
+    _results,
+    _report,
+    _places,
+    _copy,
+    _repaired,
+    _table,
+    lambda ray_map, _: ray_map.meshes,
+    lambda ray_map, _: path_table(ray_map, 'hit("lens")', by="object", threads=1).rows(),
+    lambda ray_map, _: detector_images(ray_map, "sensor", {"all": None, "few": "length > 1"}),
+    lambda ray_map, _: detector_images(ray_map, "sky", {"all": None}, threads=1),
+    lambda ray_map, _: illuminated(ray_map, "sensor", threads=1),
+    lambda ray_map, _: audit(ray_map, threads=1),
+    lambda ray_map, _: explain(ray_map, 'hit("*") & length > 10', threads=1),
+    lambda ray_map, _: ghost_table(ray_map, "sensor", threads=1),
+    lambda ray_map, _: ghost_matrix(ray_map, "sensor", threads=1),
+    lambda ray_map, _: sweep(ray_map, "sensor", threads=1),
+    lambda ray_map, _: compare(ray_map, ray_map, threads=1),
+    lambda ray_map, folder: raymap.export(ray_map, folder / "out.csv", force=True),
+    lambda ray_map, folder: raymap.export(ray_map, folder / "out.csv", rows="rays", force=True),
+)
+
+
+def ask(ray_map: raymap.RayMap, dice: random.Random, folder: Path) -> None:
+    """Ask some of the usual questions and one or two that cost more.
+
+    Only the project's own errors are let go.
+    """
+    questions: list[Question] = [
+        lambda ray_map, _, criterion=criterion: select(ray_map, criterion, threads=1).ray_ids
+        for criterion in dice.sample(_CRITERIA, 3)
+    ]
+    questions += dice.sample(_DEAR, 2)
+    for question in questions:
+        try:
+            question(ray_map, folder)
+        except raymap.RayMapError:
+            continue
