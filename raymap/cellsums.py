@@ -10,56 +10,63 @@ from raymap.limits import CELLS_FLOOR, CELLS_PER_BYTE, affordable
 from raymap.schema import COLOR_SCALE
 from raymap.stored import StoredPortion
 
-__all__ = ["add_meetings", "count_meetings"]
+__all__ = ["DetectorSums"]
 
 Sums = NDArray[np.float64]
 
 
-def count_meetings(
-    portion: StoredPortion, results: dict[tuple[int, int], tuple[Sums, Sums]]
-) -> None:
-    """Add what each detector registered in a portion.
+class DetectorSums:
+    """What each detector registered in the portions that were added; one pass over each.
 
     A detector of more cells than the file can pay for is left out: its sums are asked of the rays.
 
-    Parameters
+    Attributes
     ----------
-    results : by detector and channel set, Σ w·c and Σ (w·c)² of (cells_v, cells_u, n_channels)
+    sums : by detector and channel set, Σ w·c of registered meetings, and the sum over emissions of
+        (Σ w·c)²; (cells_v, cells_u, n_channels)
     """
-    limit = affordable(portion.map.bytes, CELLS_FLOOR, CELLS_PER_BYTE)
-    for detector, described in enumerate(portion.map.directory.detectors):
-        columns, rows = described.cells
+
+    def __init__(self) -> None:
+        self.sums: dict[tuple[int, int], tuple[Sums, Sums]] = {}
+        self._begun: set[int] = set()
+
+    def add(self, portion: StoredPortion) -> None:
+        """Add what every detector registered in a portion."""
+        if portion.channel_set not in self._begun:
+            self._begin(portion)
+        if not portion.n_descriptors:
+            return
+        meetings = portion.descriptors()
+        records = np.repeat(np.arange(portion.n_records), portion.column("descriptor_count"))
+        weights, colors = portion.column("weight"), portion.column("color")
+        offsets = portion.record_offsets()
+        emissions = portion.column("emission") if portion.grouped else None
+        # Take the meetings detector by detector, those of each in their order
+        registered = np.flatnonzero(meetings.registered)
+        owner = meetings.detector[registered]
+        order = registered[np.argsort(owner, kind="stable")]
+        met, first = np.unique(meetings.detector[order], return_index=True)
+        for detector, rows in zip(met.tolist(), np.split(order, first[1:]), strict=True):
+            known = self.sums.get((detector, portion.channel_set))
+            if known is None:
+                continue
+            rays = np.searchsorted(offsets, records[rows], side="right") - 1
+            emission = rays.astype(np.int64) if emissions is None else emissions[rays]
+            last = np.full(known[0].shape[:2], -1, np.int64)
+            part = np.zeros(known[0].shape)
+            color = colors[records[rows]]
+            _count(meetings.cell[rows], weights[rays], emission, color, *known, last, part)
+
+    def _begin(self, portion: StoredPortion) -> None:
+        """Begin the sums of all detectors in the channel set of a portion."""
+        self._begun.add(portion.channel_set)
+        limit = affordable(portion.map.bytes, CELLS_FLOOR, CELLS_PER_BYTE)
         channels = portion.map.channel_sets[portion.channel_set].n_channels
-        if columns * rows * channels > limit:
-            continue
-        key = detector, portion.channel_set
-        if key not in results:
-            shape = (rows, columns, channels)
-            results[key] = np.zeros(shape), np.zeros(shape)
-        add_meetings(portion, detector, *results[key])
-
-
-def add_meetings(portion: StoredPortion, detector: int, sums: Sums, sums2: Sums) -> None:
-    """Add what a detector registered in a portion.
-
-    Parameters
-    ----------
-    sums, sums2 : (cells_v, cells_u, n_channels), of registered meetings Σ w·c, and the sum over
-        emissions of (Σ w·c)²
-    """
-    if not portion.n_descriptors:
-        return
-    meetings = portion.descriptors()
-    counts = portion.column("descriptor_count")
-    counted = (meetings.detector == detector) & meetings.registered
-    records = np.repeat(np.arange(portion.n_records), counts)[counted]
-    rays = np.searchsorted(portion.record_offsets(), records, side="right") - 1
-    weight = portion.column("weight")[rays]
-    colors = portion.column("color")[records]
-    emission = portion.column("emission")[rays] if portion.grouped else rays.astype(np.int64)
-    cell = meetings.cell[counted]
-    last = np.full(sums.shape[:2], -1, np.int64)
-    _count(cell, weight, emission, colors, sums, sums2, last, np.zeros(sums.shape))
+        for detector, described in enumerate(portion.map.directory.detectors):
+            columns, rows = described.cells
+            if columns * rows * channels <= limit:
+                shape = (rows, columns, channels)
+                self.sums[detector, portion.channel_set] = np.zeros(shape), np.zeros(shape)
 
 
 @lean_kernel

@@ -12,7 +12,7 @@ from raymap.directory import Directory
 from raymap.kernels import inner_kernel, lean_kernel
 from raymap.schema import NORMAL_SCALE, UV_SCALE
 
-__all__ = ["DetectorTable", "compile_detectors", "decode_meetings", "encode_meetings"]
+__all__ = ["DetectorTable", "compile_detectors", "cells_fit", "decode_meetings", "encode_meetings"]
 
 _SCALE = float(NORMAL_SCALE)
 _UV = float(UV_SCALE)
@@ -178,3 +178,15 @@ def decode_meetings(
             cell[k, 1] = _unfold(folded[1, k], _cell_of(int(uv[k, 1]), cells[d, 1]))
             cosine[k] = np.int16(_unfold(folded[2, k], c))
             k += 1
+
+
+@lean_kernel
+def cells_fit(
+    detector: NDArray[np.int16], cell: NDArray[np.uint16], cells: NDArray[np.int64]
+) -> bool:
+    """Whether every meeting is in a cell of its detector; detectors are within the table."""
+    for k in range(detector.size):
+        d = detector[k]
+        if cell[k, 0] >= cells[d, 0] or cell[k, 1] >= cells[d, 1]:
+            return False
+    return True

@@ -32,6 +32,7 @@ class PortionGeometry(PortionStreams):
             cell, cosine, uv = self._plain_descriptors()
         else:
             cell, cosine, uv = self._crossings(detector, position)
+        self._check_cells(detector, cell)
         return Descriptors(
             detector=detector, cell=cell, cosine=cosine, uv=uv, registered=registered
         )
@@ -42,7 +43,15 @@ class PortionGeometry(PortionStreams):
 
     def _column_cell(self) -> NDArray[np.uint16]:
         """(n_descriptors, 2) cells of the detectors."""
-        return self._pair(DESCRIPTOR_STREAMS[:2], "cell")
+        cell = self._pair(DESCRIPTOR_STREAMS[:2], "cell")
+        self._check_cells(self._meetings()[0], cell)
+        return cell
+
+    def _check_cells(self, detector: NDArray[np.int16], cell: NDArray[np.uint16]) -> None:
+        from raymap.meetings import cells_fit
+
+        if not cells_fit(detector, cell, self._map.detectors.cells):
+            raise self._damaged("a meeting is in a cell that its detector does not have")
 
     def _pair(self, names: tuple[str, ...], field: str) -> NDArray[np.uint16]:
         """Two of the streams of descriptors, without the others where they stand for themselves."""

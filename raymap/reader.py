@@ -116,6 +116,7 @@ class RayMap:
         self._merged: MergedPaths | None = None
         self._merged_dropped = False
         self._verified: bool | None = None
+        self._results: dict[tuple[int, int], list[int]] | None = None
         self._footer_chunk: Chunk | None = None
         self._footer = Footer()
         self._last_ray = -1
@@ -378,20 +379,14 @@ class RayMap:
         sums, sums2 : (cells_v, cells_u, n_channels), or None where results do not cover every
             portion of the channel set (an interrupted trace); the descriptors say it too
         """
-        names = [detector.name for detector in self.directory.detectors]
-        wanted = names.index(name)
+        wanted = self._detector_numbers.get(name)
+        if wanted is None:
+            raise ValueError(f"the map has no detector {name!r}")
         sums = sums2 = None
         covered: set[int] = set()
-        for offset, tag in self._footer.chunks:
-            if tag != DETECTOR:
-                continue
+        for offset in self._result_places().get((wanted, channel_set), ()):
             try:
                 chunk = self._chunk_of(offset)
-                if chunk.tag != DETECTOR:
-                    raise FormatError("another chunk lies in its place")
-                head = read_result(self.file, chunk, self.directory, self._channels, data=False)
-                if (head.detector, head.channel_set) != (wanted, channel_set):
-                    continue
                 result = read_result(self.file, chunk, self.directory, self._channels)
             except (FormatError, *FOREIGN) as error:
                 self.note_damage(Damage(None, offset, 0, f"detector result: {error}"))
@@ -409,6 +404,30 @@ class RayMap:
         if sums is None or sums2 is None or not needed <= covered:
             return None
         return sums, sums2
+
+    @cached_property
+    def _detector_numbers(self) -> dict[str, int]:
+        """Index of each detector by name."""
+        return {detector.name: k for k, detector in enumerate(self.directory.detectors)}
+
+    def _result_places(self) -> dict[tuple[int, int], list[int]]:
+        """Offsets of the results by detector and channel set; each header is read once."""
+        if self._results is None:
+            places: dict[tuple[int, int], list[int]] = {}
+            for offset, tag in self._footer.chunks:
+                if tag != DETECTOR:
+                    continue
+                try:
+                    chunk = self._chunk_of(offset)
+                    if chunk.tag != DETECTOR:
+                        raise FormatError("another chunk lies in its place")
+                    head = read_result(self.file, chunk, self.directory, self._channels, data=False)
+                except (FormatError, *FOREIGN) as error:
+                    self.note_damage(Damage(None, offset, 0, f"detector result: {error}"))
+                    continue
+                places.setdefault((head.detector, head.channel_set), []).append(offset)
+            self._results = places
+        return self._results
 
     # -- damage ------------------------------------------------------------------------------
 
@@ -446,6 +465,7 @@ class RayMap:
         self._footer_chunk = find_footer(self.file, size)
         self._load_directory(size)
         self._merged, self._merged_dropped, self._verified = None, False, None
+        self._results = None
         self.torn_bytes = 0
         self.bytes = size
         if self._footer_chunk is None or not self._load_footer(self._footer_chunk):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from raymap.agreement import FALSE_COUNTS
 from raymap.cells import is_pinhole
-from raymap.cellsums import Sums, count_meetings
+from raymap.cellsums import DetectorSums
 from raymap.encoder import EncodedPortion
 from raymap.errors import FormatError
 from raymap.layout import KNOWN_TAGS, header_size
@@ -49,7 +49,7 @@ def repair(ray_map: RayMap, path: str | os.PathLike[str], *, force: bool = False
             writer.add_channel_set(channel_set, again=True)
         runs = sorted(ray_map.runs, key=lambda run: int(run.get("first_portion") or 0))
         written = 0
-        results: dict[tuple[int, int], tuple[Sums, Sums]] = {}
+        results = DetectorSums()
         for portion in ray_map.portions:
             while runs and int(runs[0].get("first_portion") or 0) <= portion.number:
                 writer.copy_run(runs.pop(0))
@@ -64,25 +64,25 @@ def repair(ray_map: RayMap, path: str | os.PathLike[str], *, force: bool = False
             else:
                 continue
             written += 1
-            count_meetings(portion, results)
+            results.add(portion)
         _copy_unknown(ray_map, writer)
         _keep_sums(ray_map, results)
-        for (detector, index), (sums, sums2) in results.items():
+        for (detector, index), (sums, sums2) in results.sums.items():
             writer.add_detector_result(detector, sums, sums2, channel_set=index)
         writer.finish()
     return written
 
 
-def _keep_sums(ray_map: RayMap, results: dict[tuple[int, int], tuple[Sums, Sums]]) -> None:
+def _keep_sums(ray_map: RayMap, results: DetectorSums) -> None:
     """Carry sums along that no stored ray made, unless some of what they speak of is lost."""
     for number, detector in enumerate(ray_map.directory.detectors):
         if not (is_pinhole(detector) or ray_map.without_rays):
             continue
         for index in range(len(ray_map.channel_sets)):
-            results.pop((number, index), None)
+            results.sums.pop((number, index), None)
             found = None if ray_map.damage else ray_map.detector_result(detector.name, index)
             if found is not None:
-                results[number, index] = found
+                results.sums[number, index] = found
 
 
 def _copy_unknown(ray_map: RayMap, writer: RayMapWriter) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from raymap.agreement import FALSE_COUNTS, FALSE_RAYS, FalseFooter, difference, false_sums
 from raymap.cells import is_pinhole
-from raymap.cellsums import Sums, count_meetings
+from raymap.cellsums import DetectorSums
 from raymap.checks import check_portion
 from raymap.chunks import Chunk, Gap
 from raymap.decoding import FOREIGN
@@ -85,7 +85,7 @@ def verify(ray_map: RayMap) -> Verification:
 def _verify_file(ray_map: RayMap, result: Verification) -> None:
     merger = PathMerger()
     sound = True
-    results: dict[tuple[int, int], tuple[Sums, Sums]] = {}
+    results = DetectorSums()
     for index, portion in enumerate(ray_map.portions):
         problem = portion_problem(portion)
         result.portions += 1
@@ -95,7 +95,7 @@ def _verify_file(ray_map: RayMap, result: Verification) -> None:
             if portion.has_paths:
                 merger.add(portion.paths())
                 _compare_merged(ray_map, index)
-            count_meetings(portion, results)
+            results.add(portion)
         else:
             sound = False
             ray_map.report_damage(portion.index, problem)
@@ -176,13 +176,15 @@ def _check_copy(ray_map: RayMap, footer: Chunk) -> None:
         raise FormatError("its copy of the directory is another one")
 
 
-def _check_results(ray_map: RayMap, counted: dict[tuple[int, int], tuple[Sums, Sums]]) -> None:
+def _check_results(ray_map: RayMap, counted: DetectorSums) -> None:
     """Compare the sums that are kept of detectors with those of the rays."""
-    for (number, channel_set), sums in counted.items():
+    stored = {portion.channel_set for portion in ray_map.portions if portion.n_rays}
+    for (number, channel_set), sums in counted.sums.items():
         detector = ray_map.directory.detectors[number]
+        if channel_set not in stored or is_pinhole(detector):
+            continue
         stated = ray_map.detector_result(detector.name, channel_set)
-        stored = any(p.n_rays and p.channel_set == channel_set for p in ray_map.portions)
-        if stated is None or is_pinhole(detector) or not stored:
+        if stated is None:
             continue
         for mine, theirs in zip(sums, stated, strict=True):
             slack = 1e-7 * max(float(np.abs(mine).max(initial=0.0)), 1.0)
