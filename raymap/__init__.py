@@ -5,6 +5,18 @@ Names are loaded when they are first used, so that ``import raymap`` is quick an
 
 from __future__ import annotations
 
+import os
+import sys
+
+if (
+    sys.argv[:1] == ["-m"]
+    and not sys.flags.safe_path
+    and "-m raymap" in " ".join(sys.orig_argv)
+    and sys.path[:1] != [os.path.dirname(os.path.dirname(os.path.abspath(__file__)))]
+):
+    # Python has put the current folder first, whatever modules a stranger has left there
+    del sys.path[0]
+
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 

@@ -25,6 +25,7 @@ from typer.core import TyperCommand
 
 from raymap.errors import CriterionError, DamagedPortion, DamageWarning, RayMapError
 from raymap.plaintext import plain_text
+from raymap.rooms import check_room
 
 if TYPE_CHECKING:
     from raymap.reader import RayMap
@@ -330,6 +331,7 @@ def application(asked: str = "") -> typer.Typer:
     )
     app.callback()(_group)
     for point in sorted(entry_points(group="raymap.commands"), key=lambda point: point.name):
+        check_room(point.module.split(".")[0])
         try:
             point.load()(app)
         except ModuleNotFoundError as error:

@@ -25,6 +25,8 @@ import numba
 from numba import types
 from numba.extending import intrinsic
 
+from raymap.rooms import trusted_path
+
 __all__ = ["Task", "address_of", "call_at", "compile_ahead", "task"]
 
 
@@ -137,9 +139,13 @@ def _is_python() -> bool:
     return Path(sys.executable or "").stem.lower().startswith(("python", "pypy"))
 
 
+_HELP = "import sys; sys.path[:] = sys.argv[1:]; from raymap.compiling import help_out; help_out()"
+
+
 def _share(tasks: Sequence[Task], claims: str) -> None:
     """Compile what another process leaves to this one, and wait for it."""
-    command = [sys.executable, "-c", "from raymap.compiling import help_out; help_out()"]
+    # Neither the current folder nor the environment adds to where that process imports from
+    command = [sys.executable, "-I", "-c", _HELP, *trusted_path()]
     try:
         helper = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
@@ -149,7 +155,7 @@ def _share(tasks: Sequence[Task], claims: str) -> None:
     with helper:
         with suppress(OSError):
             assert helper.stdin is not None
-            pickle.dump((sys.path, claims, tasks), helper.stdin)
+            pickle.dump((claims, tasks), helper.stdin)
             helper.stdin.close()
         try:
             for item in tasks:
@@ -163,8 +169,7 @@ def _share(tasks: Sequence[Task], claims: str) -> None:
 def help_out() -> None:
     """What the other process does: compile tasks that it reads from its standard input."""
     gc.disable()
-    path, claims, tasks = pickle.load(sys.stdin.buffer)
-    sys.path[:] = path
+    claims, tasks = pickle.load(sys.stdin.buffer)
     for item in tasks:
         if _claim(claims, item):
             item.compile()

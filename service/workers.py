@@ -26,6 +26,7 @@ from typing import Any
 from raymap import errors
 from raymap.errors import RayMapError
 from raymap.protocol import TOKEN_VARIABLE
+from raymap.rooms import trusted_path
 from service.confine import OutsideFolder
 from service.limits import OutOfTime
 
@@ -159,13 +160,10 @@ class _Process:
 
     def __init__(self, kind: str) -> None:
         self.folder = tempfile.mkdtemp(prefix="raymap-worker-")
-        path = [place for place in sys.path if os.path.isabs(place)]
-        # The rooms lie beside this one, wherever they are installed
-        path.insert(0, str(Path(__file__).resolve().parent.parent))
         own = {name: value for name, value in os.environ.items() if name != TOKEN_VARIABLE}
         self._process = subprocess.Popen(
             [sys.executable, "-I", str(Path(__file__).with_name("worker.py")), kind,
-             json.dumps(path)],
+             json.dumps(trusted_path())],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
             env={**own, "TMPDIR": self.folder, "TEMP": self.folder, "TMP": self.folder},
             cwd=self.folder, start_new_session=True,
