@@ -129,7 +129,7 @@ class _Reader:
         self.private_nm: list[float] = []
         self.lists: dict[str, list[float]] = {}
         self.title = ""
-        self.unit: Literal["mm", "cm", "m", "in"] = "mm"
+        self.unit: Literal["mm", "cm", "m", "in"] | None = None
         self.aperture = Aperture(kind="stop")
         self.positions = 1
         self.line = 1
@@ -425,7 +425,8 @@ class _Reader:
         elif name == "RMD":
             self._refract_mode(words, draft)
         elif name == "PIM":
-            self.solves.append(ThicknessSolve(surface=self.spoken_of or 0))
+            if len(words) < 2 or not words[1].upper().startswith("N"):
+                self.solves.append(ThicknessSolve(surface=self.spoken_of or 0))
         elif len(words) > 1 and plain_number(words[1]) is None:
             self._solve(name, words)
         elif name == "THI":
@@ -570,7 +571,7 @@ class _Reader:
         return Prescription(
             origin=self.origin,
             title=self.title,
-            unit=self.unit,
+            unit=self.unit or "mm",
             surfaces=tuple(self._built(k, draft) for k, draft in enumerate(self.drafts)),
             aperture=self.aperture,
             field_kind=kind,
@@ -653,6 +654,9 @@ class _Reader:
             self.warn(f"{said} makes {found:g} of the stored {stored:g}, and is followed")
 
     def _say_what_is_left_out(self) -> None:
+        if self.unit is None:
+            self.warn("gives no unit of its lengths (DIM); mm are taken")
+        self._say_of_long_lists()
         for word, places in self.unknown.items():
             more = f" and {len(places) - 1} more" if len(places) > 1 else ""
             self.warn(
@@ -666,6 +670,18 @@ class _Reader:
             self.warn("surface 0: the object is curved; its points are put in a plane")
         if not any(draft.stop for draft in self.drafts):
             self.warn("no surface is marked as the stop (STO); surface 1 is taken")
+
+    def _say_of_long_lists(self) -> None:
+        """Values for fields or wavelengths that are none."""
+        fields = max((len(self.lists.get(f"{a}{k}", [])) for a in "XY" for k in _FIELDS), default=0)
+        for name in ("WTF", "VUX", "VLX", "VUY", "VLY", "WTW"):
+            count = max(len(self.lists.get("WL", [])) if name == "WTW" else fields, 1)
+            values = self.lists.get(name, [])
+            if len(values) > count:
+                what = "wavelengths" if name == "WTW" else "fields"
+                self.warn(f"{name} has {len(values)} values for {count} {what}; {count} are taken")
+            if name.startswith("WT") and min(values, default=0.0) < 0.0:
+                raise self.fail(name, f"the weight {min(values):g} is negative")
 
     def _fields(self) -> tuple[FieldKind, tuple[FieldPoint, ...]]:
         said = {

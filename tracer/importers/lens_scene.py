@@ -274,19 +274,26 @@ class ImportedLens:
 
     def sources(self) -> dict[str, Any]:
         """A source that fills the pupil on the axis, and one for each other field."""
+        tables = {}
         axis = self.bundles.light_of(self.bundles.axis)
-        tables = {self.prefix + "axis": self._source(axis, 1.0)} if axis else {}
+        if axis:
+            on_axis = [lit for lit in self.bundles.lit if lit.origin == self.bundles.axis]
+            field = on_axis[0] if on_axis else axis
+            self._light(tables, "axis", axis, field)
         for lit in self.bundles.lit:
-            if lit.origin == self.bundles.axis:
-                continue
-            name = f"{self.prefix}field_{lit.number}"
-            tables[name] = self._source(lit, lit.field.weight or 1.0)
-            if not lit.field.weight:
-                self._warn(f"field {lit.number} has the weight 0; its source is switched off")
-                tables[name]["on"] = False
+            if lit.origin != self.bundles.axis:
+                self._light(tables, f"field_{lit.number}", lit, lit)
         if not tables:
             raise SceneError(f"{self.prescription.origin}: no light of any field gets through")
         return tables
+
+    def _light(self, tables: dict[str, Any], name: str, lit: LitField, weighed: LitField) -> None:
+        """Put the source of a field, with the weight of the field, into the tables."""
+        weight = weighed.field.weight
+        table = tables[self.prefix + name] = self._source(lit, weight or 1.0)
+        if not weight:
+            self._warn(f"field {weighed.number} has the weight 0; its source is switched off")
+            table["on"] = False
 
     def _source(self, lit: LitField, weight: float) -> dict[str, Any]:
         origin = lit.origin

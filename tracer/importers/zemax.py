@@ -524,6 +524,8 @@ class _Reader:
             )
         surfaces = self.surfaces()
         self._say_what_is_left_out(surfaces)
+        if "UNIT" not in self.header:
+            self.warn("gives no unit of its lengths (UNIT); mm are taken")
         units = self._word("UNIT", "MM")
         if units not in _UNITS:
             raise self.fail("UNIT", f"there is no unit {units!r}; {', '.join(_UNITS)} are known")
@@ -605,16 +607,28 @@ class _Reader:
         if "FNUM" in self.header:
             line = self.header["FNUM"]
             return Aperture(
-                kind="working_f_number" if self._optional(line, 1) == 1.0 else "f_number",
+                kind="working_f_number" if self._second_kind(line) else "f_number",
                 value=self._number(line, 0),
             )
         if "OBNA" in self.header:
             line = self.header["OBNA"]
             value = self._number(line, 0)
-            if self._optional(line, 1) == 1.0:
+            if self._second_kind(line):
                 value = math.sin(math.radians(value))
             return Aperture(kind="object_na", value=value)
+        if "FLOA" not in self.header:
+            self.warn(
+                f"says nothing of its aperture ({', '.join(_APERTURES)}); the semi-diameter of the "
+                "stop is taken"
+            )
         return Aperture(kind="stop")
+
+    def _second_kind(self, line: _Line) -> bool:
+        """Whether an aperture is of the second of its two kinds."""
+        kind = self._whole(line, 1)
+        if kind not in (0, 1):
+            raise self.fail(line.place, f"{line.word} of kind {kind} is not understood")
+        return kind == 1
 
     def _fields(self) -> tuple[FieldKind, tuple[FieldPoint, ...], bool]:
         line = self.header.get("FTYP")
@@ -636,6 +650,8 @@ class _Reader:
             count = min(max(count, 1), max(listed, 1))
         x, y = self._column(("XFLN", "XFLD"), count), self._column(("YFLN", "YFLD"), count)
         weights = self._column(("FWGN", "FWGT"), count, 1.0)
+        if min(weights) < 0.0:
+            raise self.fail("FWGN", f"the weight {min(weights):g} of a field is negative")
         vdx, vdy = self._column(("VDXN", "ZVDX"), count), self._column(("VDYN", "ZVDY"), count)
         vcx, vcy = self._column(("VCXN", "ZVCX"), count), self._column(("VCYN", "ZVCY"), count)
         fields = tuple(

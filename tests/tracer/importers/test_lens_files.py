@@ -247,16 +247,18 @@ def test_a_code_v_lens(tmp_path: Path) -> None:
 
 def test_curvatures_or_radii(tmp_path: Path) -> None:
     by_radius = parse_codev(
-        "RDM\nWL 587.6\nEPD 5\nSO 0 1e11\nS 50 3 BK7\nSTO\nS -50 40\nSI 0 0\nGO\n"
+        "RDM\nDIM M\nWL 587.6\nEPD 5\nSO 0 1e11\nS 50 3 BK7\nSTO\nS -50 40\nSI 0 0\nGO\n"
     )
     by_curvature = parse_codev(
-        "rdm n\nwl 587.6\nepd 5\nso 0 1e11\ns .02 3 bk7\nsto\ns -.02 40\nsi 0 0\n"
+        "rdm n\ndim m\nwl 587.6\nepd 5\nso 0 1e11\ns .02 3 bk7\nsto\ns -.02 40\nsi 0 0\n"
     )
     for a, b in zip(by_radius.surfaces, by_curvature.surfaces, strict=True):
         assert a.curvature == b.curvature
     assert by_curvature.stop == 1
     with pytest.warns(ImportWarning, match=r"radii \(RDM\) or curvatures"):
-        unsaid = parse_codev("WL 587.6\nEPD 5\nSO 0 1e11\nS 50 3 BK7\nSTO\nS -50 40\nSI 0 0\n")
+        unsaid = parse_codev(
+            "DIM M\nWL 587.6\nEPD 5\nSO 0 1e11\nS 50 3 BK7\nSTO\nS -50 40\nSI 0 0\n"
+        )
     assert unsaid.surfaces == by_radius.surfaces
 
 

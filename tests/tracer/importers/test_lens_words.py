@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import re
+import warnings
 from pathlib import Path
 
 import pytest
@@ -520,3 +521,44 @@ def test_a_mode_behind_surfaces_is_refused() -> None:
         parse_codev(codev("S 50 5 NBK7_SCHOTT\nRDM N\nSTO\nS -0.02 46\nSI 0 0"))
     with pytest.raises(SceneError, match=r"the unit must be M \(mm\), C \(cm\) or I"):
         parse_codev(codev(BODY).replace("DIM M", "DIM METER"))
+
+
+def test_what_a_file_must_say_is_missed(tmp_path: Path) -> None:
+    text = SINGLET.replace("UNIT MM\n", "").replace("ENPD 10\n", "")
+    lens, said = opened(tmp_path, text)
+    assert "gives no unit of its lengths (UNIT); mm are taken" in " | ".join(said)
+    assert "says nothing of its aperture (ENPD, FNUM, OBNA, FLOA); the semi" in " | ".join(said)
+    assert lens.bundles.marginal[0] == pytest.approx(10.0)
+    said = opened(tmp_path, codev(BODY).replace("DIM M\n", ""), ".seq")[1]
+    assert said == ["lens.seq: gives no unit of its lengths (DIM); mm are taken"]
+    with pytest.raises(SceneError, match="FNUM of kind 2 is not understood"):
+        parse_zemax(SINGLET.replace("ENPD 10", "FNUM 5 2"))
+
+
+def test_weights_of_fields_are_fluxes(tmp_path: Path) -> None:
+    head = "FTYP 0 0 2 1\nXFLN 0 0\nYFLN {} 5\nFWGN {} 3"
+    for first, weight, flux in ((0, 2, 2.0), (0, 0, 1.0), (1, 2, 1.0)):
+        text = zemax(FRONT, BACK, IMAGE, head=head.format(first, weight))
+        lens, said = opened(tmp_path, text)
+        with warnings.catch_warnings(action="ignore", category=ImportWarning):
+            sources = lens.sources()
+        assert sources["axis"]["flux"] == flux
+        assert sources["axis"].get("on", True) is (weight > 0)
+        assert sources["field_2"]["flux"] == 3.0
+        assert len(said) == (weight == 0)
+    with pytest.raises(SceneError, match="the weight -2 of a field is negative"):
+        parse_zemax(zemax(FRONT, BACK, IMAGE, head=head.format(0, -2)))
+    lens, _ = opened(tmp_path, codev(f"{BODY}\nWTF F1 2"), ".seq")
+    assert lens.sources()["axis"]["flux"] == 2.0
+
+
+@pytest.mark.parametrize("command", ["WTF 1 2", "VUY 0 0.2", "WTW 1 2"])
+def test_values_for_fields_that_are_none_are_heard(command: str, tmp_path: Path) -> None:
+    said = " | ".join(opened(tmp_path, codev(f"{BODY}\n{command}"), ".seq")[1])
+    assert re.search(r"has 2 values for 1 (fields|wavelengths); 1 are taken", said), said
+
+
+def test_an_image_solve_that_is_switched_off_is_none(tmp_path: Path) -> None:
+    lens, said = opened(tmp_path, codev(BODY.replace("SI", "PIM NO\nSI")), ".seq")
+    assert said == []
+    assert lens.sequence.z[-1] == 51.0
