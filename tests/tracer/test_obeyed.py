@@ -262,3 +262,11 @@ def test_a_vibration_that_natural_light_does_not_heed_is_warned_about() -> None:
     with pytest.warns(NaturalLight, match=r"sources\.lamp\.polarisation has no effect"):
         examine(parse_scene(lit))
     assert compile_scene(parse_scene(lit))
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "needed"), [("aim_share", 0.2, "aim"), ("rays_per_emission", 8, "split_depth")]
+)
+def test_settings_of_what_is_not_done_are_refused(key: str, value: float, needed: str) -> None:
+    with pytest.raises(SceneError, match=f"{key} goes with {needed}"):
+        parse_scene(plate(more=f"{WEIGHTED}{key} = {value}\n"))

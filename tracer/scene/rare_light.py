@@ -54,6 +54,9 @@ class TraceModel(Node):
             raise ValueError(
                 "the weighted mode needs something to do: min_reflection, split_depth or aim"
             )
+        for key, needed in (("aim_share", "aim"), ("rays_per_emission", "split_depth")):
+            if key in self.model_fields_set and not getattr(self, needed):
+                raise ValueError(f"{key} goes with {needed}, without which it has no effect")
 
 
 def compile_rare_light(
