@@ -19,6 +19,7 @@ from query.cli_options import (
 from query.cli_rayfile import rayfile
 from query.cli_studies import audit, compare, ghosts, illuminated, sweep
 from raymap.cli import Json, MapPath, Panel, Strict, emit_json, opened_map
+from raymap.doubt import FOOTNOTE, marked, with_doubts, with_error
 
 if TYPE_CHECKING:
     from raymap.reader import RayMap
@@ -271,16 +272,15 @@ def image(
             counted = f"from {item['registrations']:,} registrations"
             if item["summed_while_tracing"]:
                 counted = "through an opening of unit area, summed up while tracing"
-            typer.echo(
-                f"wrote {item['output']}: {item['flux']:.6g} {item['flux_unit']} {counted}{peak}"
-            )
+            flux = marked(f"{item['flux']:.6g}", item["flux"], item["flux_se"])
+            typer.echo(f"wrote {item['output']}: {flux} {item['flux_unit']} {counted}{peak}")
             if speckle := _speckle(picture, bin):
                 typer.echo(speckle)
+        if any(item["doubtful"] for item in written):
+            typer.echo(FOOTNOTE)
 
 
 def _peak(item: dict[str, Any]) -> str:
-    from query.readings import with_error
-
     return f"{with_error(item['peak'], item['peak_se'])} {item['peak_unit']}"
 
 
@@ -310,11 +310,13 @@ def _written(path: Path, picture: Any, kind: str | None) -> dict[str, Any]:
         peak = readings(picture, values, unit)
     elif picture.measure is not None:
         peak = readings(picture, picture.density(), unit)
-    return {
+    flux = float(picture.flux_in(flux_unit).sum())
+    written = {
         "output": str(path),
         "detector": picture.detector.name,
         "cells": list(picture.detector.cells),
-        "flux": float(picture.flux_in(flux_unit).sum()),
+        "flux": flux,
+        "flux_se": picture.total_se_in(flux_unit),
         "flux_unit": flux_unit,
         "registrations": int(picture.rays.sum()),
         "grain": picture.grain,
@@ -325,3 +327,4 @@ def _written(path: Path, picture: Any, kind: str | None) -> dict[str, Any]:
         "peak_unit": unit,
         "cell_area_m2": picture.cell_area_m2,
     }
+    return with_doubts(written)

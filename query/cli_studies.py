@@ -37,7 +37,8 @@ def audit(
             {"source": name} | {kind: entry["flux"][kind] for kind in kinds}
             for name, entry in answer["sources"].items()
         ]
-        print_rows(rows, f"flux [{result.flux_unit}] by how it ended")
+        errors = [entry["flux_se"] for entry in answer["sources"].values()]
+        print_rows(rows, f"flux [{result.flux_unit}] by how it ended", errors=errors)
         takers = [
             {"object": name} | {key: entry[key] for key in ("rays", "flux", "flux_se")}
             for name, entry in answer["absorbed_by"].items()
@@ -172,7 +173,7 @@ def compare(
                 "flux_b": path.flux_b,
                 "flux_b_se": path.se_b,
                 "difference": path.difference,
-                "error": path.se,
+                "difference_se": path.se,
                 "z": path.z,
                 "significant": "yes" if path.significant else "",
                 "path": path.path,

@@ -15,6 +15,7 @@ from query.scan import Cancel
 from query.second_try import asked_again
 from query.tables import PathRow, PathTable, path_table
 from query.tally import estimate, source_factors
+from raymap.doubt import marked, with_doubts
 from raymap.errors import RayMapError, SceneMismatch
 from raymap.resume import scene_difference
 
@@ -52,7 +53,10 @@ class ComparedPath:
 
     def to_json(self) -> dict[str, Any]:
         """JSON has no infinity: such a z is null."""
-        return self.__dict__ | {"z": self.z if math.isfinite(self.z) else None}
+        pairs = {"flux_a": self.se_a, "flux_b": self.se_b, "difference": self.se}
+        doubts = with_doubts(self.__dict__ | {f"{name}_se": se for name, se in pairs.items()})
+        z = self.z if math.isfinite(self.z) else None
+        return self.__dict__ | {"z": z, "doubtful": doubts["doubtful"]}
 
 
 @dataclass(frozen=True)
@@ -110,11 +114,14 @@ class Comparison:
             lines.append(f"the scenes differ: {self.scene_difference}")
         sides = zip(self.maps, (total.flux_a, total.flux_b), (total.se_a, total.se_b), strict=True)
         for name, flux, se in sides:
-            lines.append(f"{name:<{width}}  {flux:.6g} ± {se:.2g} {unit}")
+            said = marked(f"{flux:.6g} ± {se:.2g} {unit}", flux, se)
+            lines.append(f"{name:<{width}}  {said}")
         ratio = ""
         if self.ratio is not None and self.ratio_se is not None:
-            ratio = f"ratio {self.ratio:.6g} ± {self.ratio_se:.2g}, "
-        lines.append(f"{ratio}difference {total.difference:.6g} ± {total.se:.2g} {unit}")
+            ratio = f"ratio {self.ratio:.6g} ± {self.ratio_se:.2g}"
+            ratio = f"{marked(ratio, self.ratio, self.ratio_se)}, "
+        difference = f"difference {total.difference:.6g} ± {total.se:.2g} {unit}"
+        lines.append(f"{ratio}{marked(difference, total.difference, total.se)}")
         if self.bound_95 is not None:
             lines.append(
                 "no emission differs: the totals differ by less than "

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from query.context import PathContext
-from query.path_sums import sum_over_paths
+from query.path_sums import PathLabels, sum_over_paths
 from query.scan import Cancel
 from query.tally import Tally, source_factors, variances
+from raymap.doubt import with_doubts
 from raymap.events import Event
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ class Audit:
     ----------
     sources : names
     rays, flux, flux_se : (n_sources, 5) per class of `CLASSES`
+    stored_se : (n_sources,) standard error of the flux of all classes together
     emitted : (n_sources,) rays; emitted_flux : (n_sources,) [flux unit]
     absorbed_by : per object or medium the (n_sources,) flux that it took, detected light included;
         absorbed_se : standard error of what it took of all sources
@@ -46,6 +48,7 @@ class Audit:
     rays: NDArray[np.int64]
     flux: NDArray[np.float64]
     flux_se: NDArray[np.float64]
+    stored_se: NDArray[np.float64]
     emitted: NDArray[np.int64]
     emitted_flux: NDArray[np.float64]
     absorbed_by: dict[str, NDArray[np.float64]]
@@ -71,29 +74,40 @@ class Audit:
         # Fluxes are sums of rounded weights
         return np.where(np.abs(missing) > 1e-9 * self.emitted_flux, missing, 0.0)
 
+    @property
+    def missing_se(self) -> NDArray[np.float64]:
+        """(n_sources,) standard error of `missing_flux`; what is not missing is so for certain."""
+        return np.where(self.missing_flux != 0.0, self.stored_se, 0.0)
+
     def to_json(self) -> dict[str, Any]:
         """Per source the classes in rays and in flux."""
         by_source = {}
-        for row, name in enumerate(self.sources):
-            by_source[name] = {
-                "emitted": int(self.emitted[row]),
-                **{kind: int(self.rays[row, k]) for k, kind in enumerate(CLASSES)},
-                "missing": int(self.missing[row]),
+        for number, name in enumerate(self.sources):
+            row = {
+                "emitted": int(self.emitted[number]),
+                **{kind: int(self.rays[number, k]) for k, kind in enumerate(CLASSES)},
+                "missing": int(self.missing[number]),
                 "flux": {
-                    "emitted": float(self.emitted_flux[row]),
-                    **{kind: float(self.flux[row, k]) for k, kind in enumerate(CLASSES)},
-                    "missing": float(self.missing_flux[row]),
+                    "emitted": float(self.emitted_flux[number]),
+                    **{kind: float(self.flux[number, k]) for k, kind in enumerate(CLASSES)},
+                    "missing": float(self.missing_flux[number]),
                 },
-                "flux_se": {kind: float(self.flux_se[row, k]) for k, kind in enumerate(CLASSES)},
+                "flux_se": {
+                    **{kind: float(self.flux_se[number, k]) for k, kind in enumerate(CLASSES)},
+                    "missing": float(self.missing_se[number]),
+                },
             }
+            by_source[name] = with_doubts(row)
         return {
             "sources": by_source,
             "absorbed_by": {
-                name: {
-                    "rays": int(self.absorbed_rays[name].sum()),
-                    "flux": float(flux.sum()),
-                    "flux_se": self.absorbed_se[name],
-                }
+                name: with_doubts(
+                    {
+                        "rays": int(self.absorbed_rays[name].sum()),
+                        "flux": float(flux.sum()),
+                        "flux_se": self.absorbed_se[name],
+                    }
+                )
                 for name, flux in self.absorbed_by.items()
             },
             "flux_unit": self.flux_unit,
@@ -117,19 +131,21 @@ def audit(
         if detector.blocking and detector.object >= 0:
             blocking[detector.object] = True
 
-    def reduce(base: PathContext, tally: Tally) -> tuple[Tally, Tally]:
-        ending, taker = _endings(base, blocking, n_objects, n_takers)
-        source = base.source.astype(np.int64)
-        sums = tally.rays, tally.sum_w, tally.sum_w2
-        return (
-            Tally.of_paths(source * 5 + ending, *sums, n_sources * 5),
-            Tally.of_paths(source * n_takers + taker, *sums, n_sources * n_takers),
-        )
+    # Every path is counted for its class, for who took it, and for the light of its source
+    n_ends, n_taken = n_sources * 5, n_sources * n_takers
 
-    products, _, scan = sum_over_paths(map, criterion, reduce, threads=threads, cancel=cancel)
-    ends, takers = Tally.zeros(n_sources * 5), Tally.zeros(n_sources * n_takers)
-    for by_class, by_taker in products:
-        ends, takers = ends + by_class, takers + by_taker
+    def labels(base: PathContext, rays: NDArray[np.int64]) -> PathLabels:
+        ending, taker = _endings(base, blocking, n_objects, n_takers)
+        source, path = base.source.astype(np.int64), np.arange(len(rays))
+        label = (source * 5 + ending, n_ends + source * n_takers + taker, n_ends + n_taken + source)
+        return PathLabels(np.tile(path, 3), np.concatenate(label), n_ends + n_taken + n_sources)
+
+    products, scan = sum_over_paths(map, criterion, labels, threads=threads, cancel=cancel)
+    every = Tally.zeros(n_ends + n_taken + n_sources)
+    for tally, _ in products:
+        every = every + tally
+    ends, takers = every.part(slice(n_ends)), every.part(slice(n_ends, n_ends + n_taken))
+    stored = every.part(slice(n_ends + n_taken, None))
     emitted = scan.emitted
     factors = source_factors(directory, emitted)
     repeated = np.repeat(factors, 5)
@@ -148,6 +164,7 @@ def audit(
         rays=ends.rays.reshape(n_sources, 5),
         flux=(repeated * ends.sum_w).reshape(n_sources, 5),
         flux_se=np.sqrt(spread).reshape(n_sources, 5),
+        stored_se=np.sqrt(variances(factors, emitted, stored.sum_w, stored.sum_w2)),
         emitted=emitted,
         emitted_flux=factors * emitted,
         absorbed_by={names[k]: taken_flux[:, k] for k in some},

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from query import criteria as c
 from query.builders import as_criterion, count, detected, event, hit, parameter
 from query.context import PathContext
-from query.path_sums import sum_over_paths
+from query.path_sums import LabelSums, PathLabels, sum_over_paths
 from query.scan import Cancel, Scan
 from query.scans import count_of_ray
 from query.tally import Tally, source_factors, sums, variances
+from raymap.doubt import FOOTNOTE, is_doubtful, marked, with_doubts
 from raymap.errors import CriterionError
 from raymap.events import Event
 
@@ -72,15 +73,17 @@ class GhostTable:
     def rows(self, top: int | None = None) -> list[dict[str, Any]]:
         """Faces with their ghosts, strongest first."""
         return [
-            {
-                "faces": list(self.faces[k]),
-                "rays": int(self.rays[k]),
-                "flux": float(self.flux[k]),
-                "flux_se": float(self.flux_se[k]),
-                "share": float(self.flux[k] / self.total),
-                "criterion": self.criterion(k),
-                "labels": list(self.labels[k]),
-            }
+            with_doubts(
+                {
+                    "faces": list(self.faces[k]),
+                    "rays": int(self.rays[k]),
+                    "flux": float(self.flux[k]),
+                    "flux_se": float(self.flux_se[k]),
+                    "share": float(self.flux[k] / self.total),
+                    "criterion": self.criterion(k),
+                    "labels": list(self.labels[k]),
+                }
+            )
             for k in range(len(self.faces))[:top]
         ]
 
@@ -148,18 +151,17 @@ class GhostMatrix:
         for place in order.tolist():
             first, second = divmod(place, len(self.faces))
             if self.rays[first, second]:
-                found.append(
-                    {
-                        "first": self.faces[first],
-                        "second": self.faces[second],
-                        "rays": int(self.rays[first, second]),
-                        "flux": float(self.flux[first, second]),
-                        "flux_se": float(self.flux_se[first, second]),
-                        "share": float(self.flux[first, second] / self.total),
-                        "criterion": self.criterion(first, second),
-                        "labels": [self.labels[first], self.labels[second]],
-                    }
-                )
+                pair = {
+                    "first": self.faces[first],
+                    "second": self.faces[second],
+                    "rays": int(self.rays[first, second]),
+                    "flux": float(self.flux[first, second]),
+                    "flux_se": float(self.flux_se[first, second]),
+                    "share": float(self.flux[first, second] / self.total),
+                    "criterion": self.criterion(first, second),
+                    "labels": [self.labels[first], self.labels[second]],
+                }
+                found.append(with_doubts(pair))
         return found
 
     def criterion(self, first: int, second: int) -> str:
@@ -181,11 +183,20 @@ class GhostMatrix:
         head = "".join(f"<th>{escape(name)}</th>" for name in self.labels)
         body = "".join(
             f"<tr><th>{escape(name)}</th>"
-            + "".join(f"<td>{value:.3g}</td>" if value else "<td></td>" for value in row)
+            + "".join(
+                f"<td>{marked(f'{flux:.3g}', flux, se) if flux else ''}</td>"
+                for flux, se in zip(fluxes, errors, strict=True)
+            )
             + "</tr>"
-            for name, row in zip(self.labels, self.flux, strict=True)
+            for name, fluxes, errors in zip(self.labels, self.flux, self.flux_se, strict=True)
         )
-        return f"<table><tr><th>first \\ second</th>{head}</tr>{body}</table>"
+        note = f"<p>{escape(FOOTNOTE)}</p>" if self.doubtful.any() else ""
+        return f"<table><tr><th>first \\ second</th>{head}</tr>{body}</table>{note}"
+
+    @property
+    def doubtful(self) -> NDArray[np.bool_]:
+        """(n, n) pairs whose flux is less sure than 30 %."""
+        return np.vectorize(is_doubtful, otypes=[np.bool_])(self.flux, self.flux_se)  # type: ignore[no-any-return]
 
 
 def ghost_matrix(
@@ -263,15 +274,14 @@ def ghost_table(
     if own is not None:
         asked.append(own)
 
-    def among(which: c.Criterion) -> tuple[list[_Product], Scan]:
-        products, _, scan = sum_over_paths(
+    def among(which: c.Criterion) -> tuple[list[LabelSums], Scan]:
+        return sum_over_paths(
             map,
             c.And((which, *asked)) if asked else which,
-            lambda base, tally: _reflecting(base, tally, counted, n_faces, reflections),
+            lambda base, rays: _reflecting(base, rays, counted, n_faces, reflections),
             threads=threads,
             cancel=cancel,
         )
-        return products, scan
 
     faces = map.directory.faces
     n_faces = len(faces)
@@ -279,11 +289,11 @@ def ghost_table(
     counted = np.append(passing[faces.surface], True)
     products, scan = among(_ghosts(reflections))
     none = np.zeros((0, 1 + reflections), np.int64)
-    chains = np.concatenate([none, *(product.chains for product in products)])
+    chains = np.concatenate([none, *(product.about.chains for product in products)])
     others: dict[int, int] = {}
     if len(chains) == 0:
         for product in among((ghost_reflections >= 1) & ~event("scattered"))[0]:
-            for number, rays in product.rays_by_reflections.items():
+            for number, rays in product.about.rays_by_reflections.items():
                 others[number] = others.get(number, 0) + rays
     different, inverse = np.unique(chains, axis=0, return_inverse=True)
     tallies = [Tally.zeros(0), *(product.tally for product in products)]
@@ -297,31 +307,34 @@ def ghost_table(
     return _table(map, different, tally, scan.emitted, others)
 
 
-class _Product(NamedTuple):
-    """What some paths with rays bring."""
+class _Ghosts(NamedTuple):
+    """What reflects in some paths with rays: source and places, a row for each label."""
 
     chains: NDArray[np.int64]
-    tally: Tally
     rays_by_reflections: dict[int, int]
 
 
 def _reflecting(
-    base: PathContext, tally: Tally, counted: NDArray[np.bool_], n_faces: int, reflections: int
-) -> _Product:
-    """Source and reflecting places of each path with so many reflections, and its sums."""
+    base: PathContext,
+    rays: NDArray[np.int64],
+    counted: NDArray[np.bool_],
+    n_faces: int,
+    reflections: int,
+) -> PathLabels:
+    """Paths with so many reflections by their source and reflecting places."""
     ghostly = (base.event & int(Event.SPECULAR_REFLECTION)) != 0
     ghostly &= (base.object >= 0) & counted[base.face]
     ghostly[base.offsets[:-1]] = False
     number = count_of_ray(ghostly, base.offsets)
-    rays_of = np.bincount(number, tally.rays).astype(np.int64)
-    found = {k: rays for k, rays in enumerate(rays_of.tolist()) if k and rays}
-    wanted = (number == reflections) & (tally.rays > 0)
+    rays_of = np.bincount(number, rays).astype(np.int64)
+    found = {k: count for k, count in enumerate(rays_of.tolist()) if k and count}
+    wanted = (number == reflections) & (rays > 0)
     rows = np.flatnonzero(ghostly & np.repeat(wanted, base.lengths)).reshape(-1, reflections)
     place = np.where(base.face[rows] >= 0, base.face[rows], n_faces + base.object[rows])
     chosen = np.flatnonzero(wanted)
     chains = np.column_stack((base.source[chosen].astype(np.int64), place))
-    mine = Tally(tally.rays[chosen], tally.sum_w[chosen], tally.sum_w2[chosen])
-    return _Product(chains, mine, found)
+    different, label = np.unique(chains, axis=0, return_inverse=True)
+    return PathLabels(chosen, label.reshape(-1), len(different), _Ghosts(different, found))
 
 
 def _table(

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from query.context import PathColumns, PathContext
 from query.names import match_indices
-from query.path_sums import sum_over_paths
+from query.path_sums import PathLabels, sum_over_paths
 from query.scan import Cancel
-from query.tally import Tally, source_factors
+from query.tally import Tally, source_factors, variances
+from raymap.doubt import with_doubts
 from raymap.events import FAMILIES
 from raymap.kernels import kernel
 
@@ -31,9 +32,9 @@ _SCATTERED = int(FAMILIES["scattered"])
 _LIT, _SEEN, _FIRST_ORDER = range(3)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ObjectLight:
-    """What one object receives and sends on [flux unit].
+    """What one object receives and sends on [flux unit], each flux with its standard error.
 
     Attributes
     ----------
@@ -45,10 +46,13 @@ class ObjectLight:
     object: str
     lit_rays: int
     lit_flux: float
+    lit_flux_se: float
     seen_rays: int
     seen_flux: float
+    seen_flux_se: float
     first_order_rays: int
     first_order_flux: float
+    first_order_flux_se: float
 
 
 @dataclass(frozen=True)
@@ -80,7 +84,7 @@ class Illumination:
             "illuminated": self.illuminated,
             "critical": self.critical,
             "both": self.both,
-            "objects": [dict(row.__dict__) for row in self.objects],
+            "objects": [with_doubts(dict(row.__dict__)) for row in self.objects],
             "flux_unit": self.flux_unit,
         }
 
@@ -90,15 +94,14 @@ def _lights(
     paths: PathColumns,
     wanted: NDArray[np.bool_],
     rays: NDArray[np.int64],
-    sum_w: NDArray[np.float64],
-    out_rays: NDArray[np.int64],
-    out_w: NDArray[np.float64],
-) -> None:
-    """Add each path once per object and kind; out : (3, n_objects, n_sources)."""
-    source, offsets, event = paths.source, paths.offsets, paths.event
-    n_objects = out_rays.shape[1]
+    n_objects: int,
+    out: NDArray[np.int64],
+) -> int:
+    """List each path once per object and kind; out : rows of path, kind, object; their number."""
+    offsets, event = paths.offsets, paths.event
+    n = 0
     stamp = np.full((3, n_objects), -1, np.int64)
-    for path in range(len(source)):
+    for path in range(len(paths.source)):
         if rays[path] == 0:
             continue
         begin = offsets[path]
@@ -109,8 +112,8 @@ def _lights(
             owner = paths.object[row]
             if owner >= 0 and n_scattered == 0 and stamp[0, owner] != path:
                 stamp[0, owner] = path
-                out_rays[0, owner, source[path]] += rays[path]
-                out_w[0, owner, source[path]] += sum_w[path]
+                out[n, 0], out[n, 1], out[n, 2] = path, _LIT, owner
+                n += 1
             if event[row] & _SCATTERED:
                 n_scattered += 1
         # Seen: walk back from each registration to the scattering before it.
@@ -131,15 +134,16 @@ def _lights(
                 scatters = (event[row] & _SCATTERED) != 0
                 if owner >= 0 and stamp[1, owner] != path:
                     stamp[1, owner] = path
-                    out_rays[1, owner, source[path]] += rays[path]
-                    out_w[1, owner, source[path]] += sum_w[path]
+                    out[n, 0], out[n, 1], out[n, 2] = path, _SEEN, owner
+                    n += 1
                 if scatters:
                     if owner >= 0 and before == 1 and stamp[2, owner] != path:
                         stamp[2, owner] = path
-                        out_rays[2, owner, source[path]] += rays[path]
-                        out_w[2, owner, source[path]] += sum_w[path]
+                        out[n, 0], out[n, 1], out[n, 2] = path, _FIRST_ORDER, owner
+                        n += 1
                     break
                 row -= 1
+    return n
 
 
 def illuminated(
@@ -165,30 +169,38 @@ def illuminated(
     names = [item.name for item in directory.detectors]
     wanted = np.zeros(len(names) + 1, np.bool_)
     wanted[match_indices(detector, names, "detector")] = True
-    shape = 3, len(directory.objects), len(directory.sources)
+    n_objects, n_sources = len(directory.objects), len(directory.sources)
+    size = 3 * n_objects * n_sources
 
-    def reduce(base: PathContext, tally: Tally) -> tuple[Any, Any]:
-        out_rays, out_w = np.zeros(shape, np.int64), np.zeros(shape)
+    def labels(base: PathContext, rays: NDArray[np.int64]) -> PathLabels:
         paths = base.columns(face=False)
-        _lights(paths, wanted, tally.rays, tally.sum_w, out_rays, out_w)
-        return out_rays, out_w
+        lit = np.zeros((3 * len(paths.event), 3), np.int64)
+        path, kind, owner = lit[: _lights(paths, wanted, rays, n_objects, lit)].T
+        source = paths.source[path].astype(np.int64)
+        return PathLabels(path, (kind * n_objects + owner) * n_sources + source, size)
 
-    products, _, scan = sum_over_paths(map, criterion, reduce, threads=threads, cancel=cancel)
-    rays, weights = np.zeros(shape, np.int64), np.zeros(shape)
-    for more_rays, more_w in products:
-        rays += more_rays
-        weights += more_w
-    flux = weights @ source_factors(directory, scan.emitted)
-    counts = rays.sum(axis=2)
+    products, scan = sum_over_paths(map, criterion, labels, threads=threads, cancel=cancel)
+    every = Tally.zeros(size)
+    for tally, _ in products:
+        every = every + tally
+    shape = 3, n_objects, n_sources
+    sums = (column.reshape(shape) for column in (every.rays, every.sum_w, every.sum_w2))
+    rays, sum_w, sum_w2 = sums
+    factors = source_factors(directory, scan.emitted)
+    flux, counts = sum_w @ factors, rays.sum(axis=2)
+    se = np.sqrt(variances(factors, scan.emitted, sum_w, sum_w2).sum(axis=2))
     rows = tuple(
         ObjectLight(
-            item.name,
-            int(counts[_LIT, k]),
-            float(flux[_LIT, k]),
-            int(counts[_SEEN, k]),
-            float(flux[_SEEN, k]),
-            int(counts[_FIRST_ORDER, k]),
-            float(flux[_FIRST_ORDER, k]),
+            object=item.name,
+            lit_rays=int(counts[_LIT, k]),
+            lit_flux=float(flux[_LIT, k]),
+            lit_flux_se=float(se[_LIT, k]),
+            seen_rays=int(counts[_SEEN, k]),
+            seen_flux=float(flux[_SEEN, k]),
+            seen_flux_se=float(se[_SEEN, k]),
+            first_order_rays=int(counts[_FIRST_ORDER, k]),
+            first_order_flux=float(flux[_FIRST_ORDER, k]),
+            first_order_flux_se=float(se[_FIRST_ORDER, k]),
         )
         for k, item in enumerate(directory.objects)
     )

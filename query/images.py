@@ -18,6 +18,7 @@ from query.search import Found
 from query.second_try import asked_again
 from query.selector import bind_all
 from query.tally import sums as weighted_counts
+from query.tally import variances
 from raymap.cells import is_pinhole
 from raymap.directory import Detector
 from raymap.errors import RayMapError
@@ -118,6 +119,10 @@ def detector_images(
             other_variance=sums[number].other_squares.reshape(shape[:2]) * share**2,
             rays=sums[number].rays.reshape(shape[:2]),
             complete=scan.complete,
+            total_variance={
+                unit: share**2 * variance
+                for unit, variance in sums[number].totals.variance(light.unit, emitted).items()
+            },
         )
         for number, name in enumerate(layers)
     }
@@ -135,7 +140,7 @@ def _accumulate(
 ) -> tuple[list[_Cells], Scan]:
     """Sums over all cells, per criterion, in one pass; ``detector``: its number, side of blocks."""
     n_cells = shape[0] * shape[1]
-    everywhere = np.arange(n_cells)
+    everywhere, n_sources = np.arange(n_cells), len(map.directory.sources)
     sums = [
         _Cells(
             everywhere,
@@ -143,6 +148,7 @@ def _accumulate(
             np.zeros(n_cells),
             np.zeros(n_cells),
             np.zeros(n_cells, np.int64),
+            _Totals(*np.zeros((4, n_sources))),
         )
         for _ in nodes
     ]
@@ -161,6 +167,7 @@ def _accumulate(
                 total.squares[cells.cell] += cells.squares
                 total.other_squares[cells.cell] += cells.other_squares
                 total.rays[cells.cell] += cells.rays
+                total.totals.add(cells.totals)
 
     scan = Scan(
         map, nodes, visit=visit, take=take, threads=threads, progress=progress, cancel=cancel
@@ -181,6 +188,32 @@ class _Cells:
     squares: Floats
     other_squares: Floats
     rays: NDArray[np.int64]
+    totals: _Totals
+
+
+@dataclass(frozen=True, eq=False)
+class _Totals:
+    """Light of all cells, by source: flux and squares of what each emission brings, in both units.
+
+    The first are in the unit of the map.
+    """
+
+    flux: Floats
+    squares: Floats
+    other_flux: Floats
+    other_squares: Floats
+
+    def add(self, more: _Totals) -> None:
+        """Add another portion's in place."""
+        for name in self.__dataclass_fields__:
+            getattr(self, name)[:] += getattr(more, name)
+
+    def variance(self, unit: str, emitted: NDArray[np.int64]) -> dict[str, float]:
+        """Squared standard error of all light, by unit; ``unit`` is that of the map."""
+        ones = np.ones(len(emitted))
+        own = variances(ones, emitted, self.flux, self.squares)
+        other = variances(ones, emitted, self.other_flux, self.other_squares)
+        return {unit: float(own.sum()), "lm" if unit == "W" else "W": float(other.sum())}
 
 
 def _cells(
@@ -213,13 +246,22 @@ def _cells(
     }
     emission = portion.column("emission")[rays] if portion.grouped else rays
     squares = {unit: _squares(inverse, flux, emission, len(cell)) for unit, flux in fluxes.items()}
-    own = squares.pop(light.unit)
-    [other] = squares.values()
-    return _Cells(cell, sums, own, other, np.bincount(inverse, minlength=len(cell)))
+    n_sources = len(emitted)
+    by_source = {
+        unit: (
+            weighted_counts(source, flux, n_sources),
+            _squares(source, flux, emission, n_sources),
+        )
+        for unit, flux in fluxes.items()
+    }
+    own, totals = squares.pop(light.unit), by_source.pop(light.unit)
+    [other], [other_totals] = squares.values(), by_source.values()
+    met = np.bincount(inverse, minlength=len(cell))
+    return _Cells(cell, sums, own, other, met, _Totals(*totals, *other_totals))
 
 
-def _squares(cell: NDArray[np.int64], flux: Floats, emission: NDArray[Any], size: int) -> Floats:
-    """Squares of what each emission brings to a cell, added up."""
+def _squares(cell: NDArray[np.integer], flux: Floats, emission: NDArray[Any], size: int) -> Floats:
+    """Squares of what each emission brings to a cell or label, added up."""
     if (np.diff(emission) == 0).any():
         return squares_by_emission(cell, flux, emission, size)
     return weighted_counts(cell, flux**2, size)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -46,6 +47,8 @@ class DetectorImage:
         ``channels``, where the eye sees all of them
     other_variance : (cells_v, cells_u) squared standard error of the flux in the other unit, lumen
         of a map in watt and watt of one in lumen; None: its relative error is that of the flux
+    total_variance : squared standard error of the flux of all cells together, by unit ("W", "lm");
+        None: that of cells that are independent, which of most light is more
     """
 
     detector: Detector
@@ -58,6 +61,7 @@ class DetectorImage:
     complete: bool = True
     amounts: Floats | None = None
     other_variance: Floats | None = None
+    total_variance: dict[str, float] | None = None
 
     @property
     def flux(self) -> Floats:
@@ -74,6 +78,17 @@ class DetectorImage:
     def total(self) -> float:
         """Flux registered [flux unit]."""
         return float(self.channels.sum())
+
+    @property
+    def total_se(self) -> float:
+        """Standard error of the flux registered [flux unit]."""
+        return self.total_se_in(self.flux_unit)
+
+    def total_se_in(self, unit: str) -> float:
+        """Standard error of all flux in "W" or "lm", whatever the unit of the map."""
+        if self.total_variance is not None:
+            return math.sqrt(self.total_variance[unit])
+        return float(np.sqrt((self.flux_se_in(unit) ** 2).sum()))
 
     @property
     def grain(self) -> float | None:

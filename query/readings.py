@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from query.beams import Beam, beam_of
-from query.doubt import FOOTNOTE, MARK, is_doubtful
 from query.local_fits import join_windows, largest, least, shares_of
 from query.pictures import DetectorImage
 from query.plane_fits import plane_fits
+from raymap.doubt import FOOTNOTE, is_doubtful, with_doubts, with_error
 
-__all__ = ["reading_lines", "readings", "with_error"]
+__all__ = ["reading_lines", "readings"]
 
 Floats = NDArray[np.float64]
 
@@ -37,11 +37,15 @@ def readings(
     flux = density * size
     scale = np.divide(flux, image.flux, out=np.zeros_like(flux), where=image.flux > 0.0)
     variance = image.variance * scale**2
-    mean, mean_se = flux.sum() / size.sum(), math.sqrt(variance.sum()) / size.sum()
+    mean = flux.sum() / size.sum()
+    # The sum of the cells is surer than cells that are independent would make it
+    apart = math.sqrt(float(image.variance.sum()))
+    surer = image.total_se / apart if apart > 0.0 else 1.0
+    mean_se = surer * math.sqrt(variance.sum()) / size.sum()
     numbers: dict[str, Any] = {
         "detector": image.detector.name,
         "flux": image.total,
-        "flux_se": math.sqrt(float(image.variance.sum())),
+        "flux_se": image.total_se,
         "flux_unit": image.flux_unit,
         "registrations": int(image.rays.sum()),
         "unit": unit,
@@ -50,12 +54,14 @@ def readings(
         beam = beam or beam_of(image, density)
         numbers |= _entry("peak", *beam.peak) | _entry("mean", mean, mean_se)
         numbers["planes"] = [
-            {"plane": plane.name}
-            | _angle("beam_deg", plane.beam_deg)
-            | _angle("field_deg", plane.field_deg)
+            with_doubts(
+                {"plane": plane.name}
+                | _angle("beam_deg", plane.beam_deg)
+                | _angle("field_deg", plane.field_deg)
+            )
             for plane in beam.planes
         ]
-        return numbers
+        return with_doubts(numbers)
     squares = float(variance.sum())
     rays = float(flux.sum()) ** 2 / squares if squares > 0.0 else 0.0
     joins = image.detector.parameters.get("mapping") != "triangles"
@@ -73,7 +79,7 @@ def readings(
             numbers |= _entry(name, ratio, se)
         else:
             numbers |= {name: None, f"{name}_se": None}
-    return numbers
+    return with_doubts(numbers)
 
 
 def _entry(name: str, value: float, se: float) -> dict[str, float]:
@@ -96,7 +102,7 @@ def reading_lines(numbers: dict[str, Any]) -> list[str]:
 
     lines = [f"peak {said('peak', numbers)} {unit}"]
     if numbers["registrations"]:
-        flux = f"{numbers['flux']:.5g} {numbers['flux_unit']}"
+        flux = said("flux", numbers, f" {numbers['flux_unit']}")
         lines.insert(0, f"{flux}, {numbers['registrations']:,} registrations")
     for plane in numbers.get("planes", ()):
         words = [
@@ -115,15 +121,3 @@ def reading_lines(numbers: dict[str, Any]) -> list[str]:
     if any(marked):
         lines.append(FOOTNOTE)
     return lines
-
-
-def with_error(value: float, se: float, unit: str = "") -> str:
-    """A number with its standard error; marked where that is above 30 %."""
-    # As many digits as the error has, and one more
-    digits = 2 + _tens(value) - _tens(se) if se > 0.0 and value else 4
-    shown = f"{value:.{max(1, min(digits, 6))}g}{unit} ± {se:.2g}{unit}"
-    return f"{shown} {MARK}" if is_doubtful(value, se) else shown
-
-
-def _tens(number: float) -> int:
-    return math.floor(math.log10(abs(number))) if number else 0

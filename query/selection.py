@@ -16,6 +16,7 @@ from query.scan import Scan
 from query.scans import number_rays
 from query.second_try import asked_again
 from query.tally import Estimate, Tally, estimate
+from raymap.doubt import FOOTNOTE, MARK, is_doubtful, marked, with_doubts
 from raymap.portion import Portion
 from raymap.rows import take_rays
 
@@ -137,7 +138,7 @@ class Selection:
             "damaged": self.damaged,
             "verified": self.map.verified,
         }
-        return found | ({"reason": self.reason} if self.reason else {})
+        return with_doubts(found) | ({"reason": self.reason} if self.reason else {})
 
     # -- rays ----------------------------------------------------------------------------------
 
@@ -223,23 +224,26 @@ class Selection:
     # -- display -------------------------------------------------------------------------------
 
     def __repr__(self) -> str:
-        unit = self.map.directory.flux_unit
         state = "" if self.complete else ", cancelled"
-        return (
-            f"<Selection {self.matched} of {self.rays} rays, "
-            f"flux {self.flux:.6g} ± {self.flux_se:.2g} {unit}{state}>"
-        )
+        return f"<Selection {self.matched} of {self.rays} rays, flux {self._flux_in_words}{state}>"
+
+    @property
+    def _flux_in_words(self) -> str:
+        unit = self.map.directory.flux_unit
+        return marked(f"{self.flux:.6g} ± {self.flux_se:.2g} {unit}", self.flux, self.flux_se)
 
     def _repr_html_(self) -> str:
         unit = self.map.directory.flux_unit
         rows = [
             ("criterion", "every ray" if self.criterion is None else str(self.criterion)),
             ("rays", f"{self.matched:,} of {self.rays:,}"),
-            ("flux", f"{self.flux:.6g} ± {self.flux_se:.2g} {unit}"),
+            ("flux", self._flux_in_words),
             ("answered in", f"{self.seconds:.3f} s, {self.portions_read} portions read"),
         ]
         if self.reason:
             rows.append(("nothing because", self.reason))
+        if is_doubtful(self.flux, self.flux_se):
+            rows.append((MARK, FOOTNOTE.removeprefix(f"{MARK} ")))
         if self.flux_bound_95 is not None:
             rows.append(("flux below (95 %)", f"{self.flux_bound_95:.3g} {unit}"))
         if not self.complete:

@@ -13,6 +13,7 @@ from query.builders import as_criterion, detected
 from query.scan import Cancel
 from query.selector import select
 from query.tally import source_factors, variances
+from raymap.doubt import with_doubts
 from raymap.units import METRES, length_scale
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ class SweepRow:
     parameters: dict[str, Any]
 
     def to_json(self) -> dict[str, Any]:
-        return dict(self.__dict__)
+        return with_doubts(dict(self.__dict__))
 
 
 def sweep(

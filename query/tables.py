@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from query.context import PathContext
-from query.doubt import FOOTNOTE, MARK, is_doubtful
 from query.path_keys import Keys, group, path_keys
 from query.path_text import PathNames, exact_criterion, path_text
 from query.peaks import find_peaks
@@ -23,6 +22,7 @@ from query.selector import bind_all
 from query.sharded import paths_of_shards, worth_spreading
 from query.tally import Tally, source_factors, variances
 from raymap.agreement import FalseFooter
+from raymap.doubt import FOOTNOTE, is_doubtful, marked, with_doubts
 from raymap.errors import RayMapError
 from raymap.photometry import ray_weights
 
@@ -72,7 +72,7 @@ class PathRow:
         out = {name: getattr(self, name) for name in self.__dataclass_fields__}
         if self.peak_flux is None:
             del out["peak"], out["peak_flux"]
-        return out
+        return with_doubts(out)
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,8 +286,7 @@ class PathTable:
 
 
 def _marked_se(row: PathRow) -> str:
-    mark = f" {MARK}" if is_doubtful(row.flux, row.flux_se) else ""
-    return f"{row.flux_se:.2g}{mark}"
+    return marked(f"{row.flux_se:.2g}", row.flux, row.flux_se)
 
 
 def _footnote(rows: list[PathRow]) -> list[str]:

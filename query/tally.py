@@ -77,6 +77,10 @@ class Tally:
         sum_w = sums(labels, weight, size)
         return cls(rays, sum_w, squares_by_emission(labels, weight, emission, size))
 
+    def part(self, chosen: slice | Ints) -> Tally:
+        """Some of the sources or labels."""
+        return Tally(self.rays[chosen], self.sum_w[chosen], self.sum_w2[chosen])
+
     def __add__(self, other: Tally) -> Tally:
         return Tally(self.rays + other.rays, self.sum_w + other.sum_w, self.sum_w2 + other.sum_w2)
 

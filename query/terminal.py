@@ -9,10 +9,10 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from query.doubt import FOOTNOTE, MARK, is_doubtful
 from query.selection import Selection
 from query.tables import PathTable
 from raymap.colorimetry import encode_srgb
+from raymap.doubt import FOOTNOTE, is_doubtful, marked
 
 __all__ = ["print_paths", "print_report", "print_rows", "print_selection"]
 
@@ -42,7 +42,10 @@ def print_selection(selection: Selection, show_rays: bool) -> None:
     share = f" ({selection.matched / selection.rays:.4%})" if selection.rays else ""
     more = ", stopped at the limit" if selection.limited else ""
     console.print(f"{selection.matched:,} of {selection.rays:,} rays{share}{more}")
-    console.print(f"flux {selection.flux:.6g} ± {selection.flux_se:.2g} {unit}")
+    flux, se = selection.flux, selection.flux_se
+    console.print(marked(f"flux {flux:.6g} ± {se:.2g} {unit}", flux, se))
+    if is_doubtful(flux, se):
+        console.print(FOOTNOTE)
     if selection.flux_bound_95 is not None:
         console.print(f"below {selection.flux_bound_95:.3g} {unit} with 95 % confidence")
     if selection.reason:
@@ -73,7 +76,7 @@ def print_paths(table: PathTable, top: int | None) -> None:
             str(number) if row.criterion else "",
             f"{row.rays:,}",
             _number(row.flux, 5),
-            _number(row.flux_se, 2) + (f" {MARK}" if is_doubtful(row.flux, row.flux_se) else ""),
+            marked(_number(row.flux_se, 2), row.flux, row.flux_se),
             f"{row.share:.3%}",
         ]
         if with_peak:
@@ -112,32 +115,49 @@ def _counted(words: list[str]) -> list[str]:
     return short
 
 
-def print_rows(rows: list[dict[str, Any]], title: str, unit: str = "") -> None:
-    """Dictionaries with equal keys as a table; ``unit`` of columns that are called flux."""
+def print_rows(
+    rows: list[dict[str, Any]],
+    title: str,
+    unit: str = "",
+    errors: list[dict[str, float]] | None = None,
+) -> None:
+    """Dictionaries with equal keys as a table; ``unit`` of columns that are called flux.
+
+    Where an error is above 30 % of its number it is marked, in its own column ``…_se``; numbers
+    whose error has no column are marked themselves.
+
+    Parameters
+    ----------
+    errors : for each row the standard errors that have no column, by the number's name
+    """
+    apart: list[dict[str, float]] = errors or [{} for _ in rows]
     view = Table(title=Text(title))
     names = list(rows[0]) if rows else []
     for name in names:
         numeric = isinstance(rows[0][name], int | float)
         justify: Any = "right" if numeric else "left"
         view.add_column(Text(_heading(name, unit)), justify=justify, overflow="fold")
-    for row in rows:
-        marks = {name: _mark(row, name) for name in names}
-        view.add_row(*(Text(_cell(row[name], name) + marks[name]) for name in names))
-        if any(marks.values()):
+    for row, own in zip(rows, apart, strict=True):
+        value_and_se = {name: _known(row, own, name) for name in names}
+        cells = (marked(_cell(row[name], name), *value_and_se[name]) for name in names)
+        view.add_row(*(Text(cell) for cell in cells))
+        if any(is_doubtful(*pair) for pair in value_and_se.values()):
             view.caption = Text(FOOTNOTE)
     _console().print(view)
 
 
-def _mark(row: dict[str, Any], name: str) -> str:
-    """The mark beside a standard error that is above 30 % of its number."""
-    value = row.get(name.removesuffix("_se"))
-    doubtful = name.endswith("_se") and is_doubtful(value, row[name])
-    return f" {MARK}" if doubtful else ""
+def _known(
+    row: dict[str, Any], apart: dict[str, float], name: str
+) -> tuple[float | None, float | None]:
+    """The number and the error that the mark in a column speaks of."""
+    if name.endswith("_se"):
+        return row[name.removesuffix("_se")], row[name]
+    return row[name], apart.get(name)
 
 
 def _heading(name: str, unit: str) -> str:
     """A key of JSON as the head of a column."""
-    if name.endswith("_se") or name == "error":
+    if name.endswith("_se"):
         return "±"
     return name.replace("_", " ") + (f" [{unit}]" if unit and "flux" in name else "")
 

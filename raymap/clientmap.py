@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.doubt import FOOTNOTE, marked
 from raymap.replacing import replacing
 
 if TYPE_CHECKING:
@@ -228,10 +229,8 @@ class RemoteSelection:
 
     def __repr__(self) -> str:
         unit = self.summary["flux_unit"]
-        return (
-            f"<RemoteSelection {self.matched} of {self.rays} rays, "
-            f"flux {self.flux:.6g} ± {self.flux_se:.2g} {unit}>"
-        )
+        flux = marked(f"{self.flux:.6g} ± {self.flux_se:.2g} {unit}", self.flux, self.flux_se)
+        return f"<RemoteSelection {self.matched} of {self.rays} rays, flux {flux}>"
 
 
 class RemotePaths:
@@ -269,13 +268,17 @@ class RemotePaths:
         """The strongest paths as a table of plain text."""
         flux = f"flux [{self.flux_unit}]"
         lines = [f"{'rays':>12} {flux:>12} {'±':>9} {'share':>9}  path by {self.by}"]
-        for row in self.to_json()[:_SHOWN]:
+        rows = self.to_json()[:_SHOWN]
+        for row in rows:
+            se = marked(f"{row['flux_se']:.2g}", row["flux"], row["flux_se"])
             lines.append(
-                f"{row['rays']:>12,} {row['flux']:>12.4g} {row['flux_se']:>9.2g} "
-                f"{row['share']:>9.3%}  {row['path']}"
+                f"{row['rays']:>12,} {row['flux']:>12.4g} {se:>9} {row['share']:>9.3%}  "
+                f"{row['path']}"
             )
         if self.table.num_rows > _SHOWN:
             lines.append(f"… {self.table.num_rows - _SHOWN} more rows")
+        if any(row["doubtful"] for row in rows):
+            lines.append(FOOTNOTE)
         return "\n".join(lines)
 
     def __repr__(self) -> str:

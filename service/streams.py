@@ -45,6 +45,7 @@ _PATHS = pa.schema(
         ("rays", pa.int64()),
         ("flux", pa.float64()),
         ("flux_se", pa.float64()),
+        ("doubtful", pa.list_(pa.string())),
         ("share", pa.float64()),
         ("source", pa.string()),
         ("reflections", pa.int32()),

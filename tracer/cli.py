@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from raymap.cli import Json, Panel, emit_json, warnings_on_stderr
+from raymap.doubt import FOOTNOTE, MARK, is_doubtful, marked
 from raymap.errors import SceneError
 
 if TYPE_CHECKING:
@@ -147,25 +148,39 @@ def _print_result(result: RecordResult, output: Path | None) -> None:
     )
     columns = ["emitted", "absorbed", "detected", "left", "stopped", "errors"]
     table = Table("source", *columns)
+    doubtful = False
     for name, row in result.audit.items():
-        table.add_row(name, *(_count(row[column]) for column in columns))
+        own = result.fluxes["sources"][name]
+        cells = [_count(row[column], own[column]) for column in columns]
+        table.add_row(name, *cells)
+        doubtful |= any(cell.endswith(MARK) for cell in cells)
+    notes = [FOOTNOTE] if doubtful else []
     seen = any(row["flux"] > 0.0 for row in result.fluxes["detectors"].values())
     if seen and not any(row["detected"] for row in result.audit.values()):
-        table.caption = "detected: ended on a blocking detector; the others let light go on"
+        notes.append("detected: ended on a blocking detector; the others let light go on")
+    table.caption = "\n".join(notes) or None
     console.print(table)
     if result.fluxes["detectors"]:
         unit = escape(f"[{result.fluxes['unit']}]")
         table = Table("detector", f"flux {unit}", "standard error")
         for name, row in result.fluxes["detectors"].items():
-            table.add_row(name, f"{row['flux']:.6g}", f"{row['flux_se']:.2g}")
+            flux, se = row["flux"], row["flux_se"]
+            table.add_row(name, f"{flux:.6g}", marked(f"{se:.2g}", flux, se))
+            if is_doubtful(flux, se):
+                table.caption = FOOTNOTE
         console.print(table)
     if result.interrupted:
         console.print("interrupted; the map holds the rays traced so far")
 
 
-def _count(value: float) -> str:
-    """A number of rays, with weights a sum of them: tenths are finer than its error."""
-    return f"{value:,}" if float(value).is_integer() else f"{value:,.1f}"
+def _count(value: float, flux: Any) -> str:
+    """A number of rays, with weights a sum of them: tenths are finer than its error.
+
+    A number of rays says itself how sure it is; a sum of weights is marked where its flux is.
+    """
+    if float(value).is_integer() or not isinstance(flux, dict):
+        return f"{value:,}"
+    return marked(f"{value:,.1f}", flux["flux"], flux["flux_se"])
 
 
 class _Display:

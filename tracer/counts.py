@@ -18,6 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.doubt import with_doubts
+
 __all__ = ["Count", "Counts", "DetectorCount", "add_counts"]
 
 Array = NDArray[np.float64]
@@ -234,5 +236,5 @@ def add_counts(parts: list[Counts]) -> Counts:
     return total
 
 
-def _plain(flux: Any, se: Any) -> dict[str, float]:
-    return {"flux": float(flux), "flux_se": float(se)}
+def _plain(flux: Any, se: Any) -> dict[str, Any]:
+    return with_doubts({"flux": float(flux), "flux_se": float(se)})

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from query.builders import event
-from query.doubt import MARK
 from query.ghosts import ghost_reflections
 from raymap.cells import cells_by_angle
 from raymap.directory import Detector
+from raymap.doubt import FOOTNOTE, MARK, marked
 from raymap.errors import RayMapError
 from viewer.answers import (
     Drawing,
@@ -108,7 +108,8 @@ class Inquiry:
         self.found = found
         unit = self.session.map.directory.flux_unit
         if found.matched:
-            flux = f"{found.flux:.4g} ± {found.flux_se:.1g} {unit}"
+            said = f"{found.flux:.4g} ± {found.flux_se:.1g} {unit}"
+            flux = marked(said, found.flux, found.flux_se)
         elif found.flux_bound_95 is not None:
             flux = f"flux below {found.flux_bound_95:.2g} {unit} (95 %)"
         else:
@@ -119,7 +120,7 @@ class Inquiry:
         return {
             "answer_text": f"{found.matched:,} of {found.rays:,} rays{share}",
             "answer_flux": f"{flux} · {found.seconds:.2g} s",
-            "answer_title": found.reason or "",
+            "answer_title": found.reason or (FOOTNOTE if flux.endswith(MARK) else ""),
         }
 
     def tree(self, cancel: Cancel) -> list[dict[str, Any]]:
@@ -217,8 +218,11 @@ class Inquiry:
         self.pairs = [[found.criterion(int(a), int(b)) for b in second] for a in first]
         rows, columns = ([found.faces[k] for k in places] for places in (first, second))
         values = found.flux[np.ix_(first, second)]
-        picture = heat_map(rows, columns, values, unit=found.flux_unit)
-        return {"ghost_matrix": picture, "ghost_note": "", "ghost_reason": ""}
+        doubtful = found.doubtful[np.ix_(first, second)]
+        picture = heat_map(rows, columns, values, unit=found.flux_unit, doubtful=doubtful)
+        note = f"{MARK} error above 30 %" if doubtful.any() else ""
+        reason = FOOTNOTE.removeprefix(f"{MARK} ") if note else ""
+        return {"ghost_matrix": picture, "ghost_note": note, "ghost_reason": reason}
 
     # -- detector ------------------------------------------------------------------------------
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from query.doubt import FOOTNOTE, MARK
 from query.pictures import DetectorImage
-from query.readings import readings, with_error
+from query.readings import readings
+from raymap.doubt import FOOTNOTE, MARK, with_error
 from viewer.falsecolor import apply_colormap
 from viewer.plots import profile
 from viewer.rendering import encode_png

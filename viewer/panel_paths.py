@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from query.doubt import FOOTNOTE, MARK, is_doubtful
+from raymap.doubt import FOOTNOTE, MARK, is_doubtful, marked
 from viewer.falsecolor import PALETTE
 from viewer.itinerary import headline
 
@@ -30,7 +30,7 @@ def path_rows(
     shown = []
     for number, row in enumerate(rows):
         criterion = str(row.get("criterion") or "")
-        doubtful = is_doubtful(float(row["flux"]), float(row["flux_se"]))
+        flux, se = float(row["flux"]), float(row["flux_se"])
         place = list(checked).index(criterion) if criterion in checked else -1
         color = ""
         if place >= 0 and len(checked) > 1:
@@ -45,9 +45,9 @@ def path_rows(
                 "source": row.get("source") or "",
                 "criterion": criterion,
                 "rays": f"{int(row['rays']):,}",
-                "flux": f"{float(row['flux']):.3g} {unit}",
-                "flux_se": f"{float(row['flux_se']):.1g}{' ' + MARK if doubtful else ''}",
-                "flux_note": FOOTNOTE.removeprefix(f"{MARK} ") if doubtful else "",
+                "flux": f"{flux:.3g} {unit}",
+                "flux_se": marked(f"{se:.1g}", flux, se),
+                "flux_note": FOOTNOTE.removeprefix(f"{MARK} ") if is_doubtful(flux, se) else "",
                 "share": f"{100 * float(row['share']):.3g} %",
                 "checked": place >= 0,
                 "color": color,

@@ -8,6 +8,7 @@ from html import escape
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.doubt import FOOTNOTE, MARK
 from viewer.falsecolor import apply_colormap, wavelength_rgb
 
 __all__ = ["bars", "heat_map", "profile"]
@@ -111,6 +112,7 @@ def heat_map(
     columns: Sequence[str],
     values: NDArray[np.floating],
     *,
+    doubtful: NDArray[np.bool_] | None = None,
     unit: str = "",
     width: int = 430,
 ) -> str:
@@ -120,6 +122,7 @@ def heat_map(
     ----------
     rows, columns : names
     values : (n_rows, n_columns), 0 for nothing
+    doubtful : of equal shape, cells that are marked; None: none
     """
     if not len(rows) or not len(columns):
         return ""
@@ -130,6 +133,7 @@ def heat_map(
     height = int(top + size * len(rows) + 6)
     positive = values[values > 0]
     shown = np.zeros(values.shape)
+    doubtful = np.zeros(values.shape, np.bool_) if doubtful is None else doubtful
     if len(positive):
         low, high = float(positive.min()), float(positive.max())
         span = np.log(high / low)
@@ -143,14 +147,20 @@ def heat_map(
         parts.append(_text(left - 5, y + 0.5 * size + 3, _short(row, 20), "end"))
         for j, column in enumerate(columns):
             value = float(values[i, j])
+            note = f", {FOOTNOTE.removeprefix(f'{MARK} ')}" if doubtful[i, j] else ""
             fill = _hex(colors[i, j]) if value > 0 else "var(--rm-cell)"
             parts.append(
                 f'<rect class="rm-cell" data-row="{i}" data-column="{j}" '
                 f'x="{left + size * j:.1f}" y="{y:.1f}" '
                 f'width="{size - 1:.1f}" height="{size - 1:.1f}" fill="{fill}">'
-                f"<title>{escape(row)} then {escape(column)}: {value:.4g} {escape(unit)}</title>"
-                "</rect>"
+                f"<title>{escape(row)} then {escape(column)}: {value:.4g} {escape(unit)}{note}"
+                "</title></rect>"
             )
+            if doubtful[i, j]:
+                x, y_mark = left + size * (j + 0.5) - 0.5, y + 0.5 * size + 3
+                parts.append(
+                    f'<text class="rm-cell-mark" x="{x:.1f}" y="{y_mark:.1f}">{MARK}</text>'
+                )
     for j, column in enumerate(columns):
         x = left + size * (j + 0.5)
         parts.append(

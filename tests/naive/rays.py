@@ -27,15 +27,17 @@ class Ray:
     weight: float
     points: list[Point]
     channels: list[int]  # channels that carry light at the end
+    emission: tuple[int, int]  # portion and number; equal for rays of one emission
 
 
 def rays_of(map: Any) -> list[Ray]:
     """Every ray of a map."""
     rays = []
-    for portion in map.portions:
+    for number, portion in enumerate(map.portions):
         whole = portion.read()
         faces = portion.column("face")
         ids = portion.ray_ids()
+        emissions = portion.column("emission").tolist() if portion.grouped else ids.tolist()
         n_channels = map.channel_sets[portion.channel_set].n_channels
         row = meeting = 0
         for index in range(whole.n_rays):
@@ -76,5 +78,6 @@ def rays_of(map: Any) -> list[Ray]:
                 shares = whole.color_table[code - n_channels]
                 channels = [k for k in range(n_channels) if shares[k] > 0]
             weight = 1.0 if whole.weight is None else float(whole.weight[index])
-            rays.append(Ray(int(ids[index]), int(whole.source[index]), weight, points, channels))
+            source, emission = int(whole.source[index]), (number, emissions[index])
+            rays.append(Ray(int(ids[index]), source, weight, points, channels, emission))
     return rays

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import defaultdict
 from typing import Any
 
 import numpy as np
@@ -10,12 +10,12 @@ import pytest
 
 import query
 from query import select
-from query.doubt import FOOTNOTE, is_doubtful
 from query.terminal import _shorter
 from raymap import RayMapError
+from raymap.doubt import FOOTNOTE, is_doubtful
 from raymap.events import FAMILIES, Event
 from tests.naive.rays import Ray, rays_of
-from tests.query.by_hand import flux_of, matching
+from tests.query.by_hand import flux_of, flux_se_of, matching
 
 # The path table.
 
@@ -153,6 +153,14 @@ def test_the_audit_closes(map: Any) -> None:
         found = select(map, text)
         assert audit.rays[:, column].sum() == found.matched
         assert audit.flux[:, column].sum() == pytest.approx(found.flux)
+        se = np.sqrt((audit.flux_se[:, column] ** 2).sum())
+        assert se == pytest.approx(found.flux_se, abs=1e-12)
+    # Of a source whose light all ended here nothing is missing, and that is sure
+    for number in range(len(audit.sources)):
+        mine = [ray for ray in rays_of(map) if ray.source == number]
+        missing = audit.missing_flux[number] != 0.0
+        expected = flux_se_of(map, mine) if missing else 0.0
+        assert audit.missing_se[number] == pytest.approx(expected, abs=1e-12)
     walls = select(map, 'last(hit("wall", surface_absorption))')
     if walls:
         assert audit.absorbed_rays["wall"].sum() == walls.matched
@@ -162,9 +170,7 @@ def test_the_audit_closes(map: Any) -> None:
 def test_illuminated_and_critical_objects(map: Any) -> None:
     result = query.illuminated(map, "screen")
     scattered = int(FAMILIES["scattered"])
-    lit: Counter[int] = Counter()
-    seen: Counter[int] = Counter()
-    first_order: Counter[int] = Counter()
+    met: dict[Any, list[Ray]] = defaultdict(list)
     for ray in rays_of(map):
         points = ray.points
         mine: list[set[int]] = [set(), set(), set()]
@@ -180,12 +186,16 @@ def test_illuminated_and_critical_objects(map: Any) -> None:
                     before = sum(bool(p.event & scattered) for p in points[1:k])
                     if point.event & scattered and not before:
                         mine[2].add(point.object)
-        for counter, objects in zip((lit, seen, first_order), mine, strict=True):
-            counter.update(objects)
+        for kind, objects in zip(("lit", "seen", "first_order"), mine, strict=True):
+            for number in objects:
+                met[kind, number].append(ray)
     for number, row in enumerate(result.objects):
-        assert row.lit_rays == lit[number]
-        assert row.seen_rays == seen[number]
-        assert row.first_order_rays == first_order[number]
+        for kind in ("lit", "seen", "first_order"):
+            rays = met[kind, number]
+            assert getattr(row, f"{kind}_rays") == len(rays)
+            assert getattr(row, f"{kind}_flux") == pytest.approx(flux_of(map, rays))
+            se = getattr(row, f"{kind}_flux_se")
+            assert se == pytest.approx(flux_se_of(map, rays), abs=1e-12)
     assert set(result.both) == set(result.illuminated) & set(result.critical)
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from raymap.cli import Json, Panel, emit_json
+from raymap.doubt import FOOTNOTE, marked, with_doubts
 from raymap.extras import require
 
 if TYPE_CHECKING:
@@ -233,16 +234,18 @@ def goniophotometer(
         for angle in (incidence or [0.0])
     ]
     rows = [
-        {
-            "wavelength_nm": light.wavelength_nm,
-            "incidence_deg": light.incidence_deg,
-            "reflectance": light.reflectance,
-            "reflectance_se": light.reflectance_se,
-            "transmittance": light.transmittance,
-            "transmittance_se": light.transmittance_se,
-            "absorbed": light.absorbed,
-            "scatterings": light.scatterings,
-        }
+        with_doubts(
+            {
+                "wavelength_nm": light.wavelength_nm,
+                "incidence_deg": light.incidence_deg,
+                "reflectance": light.reflectance,
+                "reflectance_se": light.reflectance_se,
+                "transmittance": light.transmittance,
+                "transmittance_se": light.transmittance_se,
+                "absorbed": light.absorbed,
+                "scatterings": light.scatterings,
+            }
+        )
         for light in lights
     ]
     files = _write_goniograms(output, lights) if output is not None else []
@@ -250,12 +253,16 @@ def goniophotometer(
         emit_json({"rays": rays, "seed": seed, "measurements": rows, "files": files})
         return
     for row in rows:
+        r, r_se = row["reflectance"], row["reflectance_se"]
+        t, t_se = row["transmittance"], row["transmittance_se"]
         typer.echo(
             f"{row['wavelength_nm']:g} nm, {row['incidence_deg']:g}°: "
-            f"R = {row['reflectance']:.4f} ± {row['reflectance_se']:.4f}, "
-            f"T = {row['transmittance']:.4f} ± {row['transmittance_se']:.4f}, "
+            f"R = {marked(f'{r:.4f} ± {r_se:.4f}', r, r_se)}, "
+            f"T = {marked(f'{t:.4f} ± {t_se:.4f}', t, t_se)}, "
             f"absorbed {row['absorbed']:.4f}, {row['scatterings']:.1f} scatterings a ray"
         )
+    if any(row["doubtful"] for row in rows):
+        typer.echo(FOOTNOTE)
     for name in files:
         typer.echo(f"wrote {name}")
 

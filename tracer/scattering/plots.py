@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from raymap.doubt import marked
 from raymap.extras import require
 from tracer.figures import save_figure
 from tracer.scattering.fit_material import MaterialFit
@@ -152,11 +153,15 @@ def plot_goniogram(light: Goniogram, path: Path, *, title: str = "") -> None:
         (title + ": " if title else "")
         + f"incidence {light.incidence_deg:g}°, "
         + (f"{light.wavelength_nm:g} nm, " if light.wavelength_nm else "")
-        + f"R = {light.reflectance:.4f} ± {light.reflectance_se:.4f}, "
-        + f"T = {light.transmittance:.4f} ± {light.transmittance_se:.4f}"
+        + f"R = {_share(light.reflectance, light.reflectance_se)}, "
+        + f"T = {_share(light.transmittance, light.transmittance_se)}"
     )
     save_figure(figure, path, dpi=110)
     plt.close(figure)
+
+
+def _share(value: float, se: float) -> str:
+    return marked(f"{value:.4f} ± {se:.4f}", value, se)
 
 
 def _smoothed(values: Any) -> Any:
