@@ -93,9 +93,14 @@ def sphere_fits(flux: Floats, variance: Floats, gamma_deg: Span, harmonics: int)
     # Nodes lie between cells: half a cell before the first one
     spectra = np.fft.rfft(images, axis=2)[:, :, :kept] * _half_cell(n_c)[:kept]
     grid = _Grid(gamma_deg, n_gamma, n_c)
+    lit = np.flatnonzero(images.any(axis=(0, 2)))
+    shape = n_gamma + 1, n_c
+    last = [np.zeros((n_shares, *shape)), np.zeros((n_shares, *shape)), np.zeros(shape)]
+    last += [np.zeros(shape), np.full(shape, known)]
     for level in range(grid.n_levels):
-        parts = []
-        for block in grid.blocks(level):
+        # Where a window is that of the level before, or no light comes, all stays as it is
+        last = [values.copy() for values in last]
+        for block in grid.blocks(level, lit):
             rows = slice(block.begin, block.end)
             fit, mean, window = (k[:, :, :kept] for k in block.kernels)
             values = _correlated(fit, spectra[:n_shares, rows], n_c)
@@ -106,24 +111,23 @@ def sphere_fits(flux: Floats, variance: Floats, gamma_deg: Span, harmonics: int)
                 held > least, np.maximum(noise, 0.0) / np.maximum(held, least or 1.0), known
             )
             spreads = [_squared(k, n_c, grid.solid[rows]) for k in (fit, fit - mean)]
-            flat = [values.reshape(n_shares, -1), departure.reshape(n_shares, -1)]
-            parts.append((*flat, *spreads, ray.ravel()))
-        joined = [np.concatenate([part[k] for part in parts], axis=-1) for k in range(5)]
+            for before, found in zip(last, (values, departure, *spreads, ray), strict=True):
+                before[..., block.nodes, :] = found
         yield Fit(
-            values=joined[0],
-            departure=joined[1],
-            spread=joined[2],
-            departure_spread=joined[3],
-            ray=joined[4],
+            values=last[0].reshape(n_shares, -1),
+            departure=last[1].reshape(n_shares, -1),
+            spread=last[2].ravel(),
+            departure_spread=last[3].ravel(),
+            ray=last[4].ravel(),
             # The middle of a parabola over a disc has four times the variance of the mean
             cost=4.0,
         )
 
 
 def _squared(kernel: Floats, n_c: int, solid: Floats) -> Floats:
-    """(n_nodes * n_c,) sums of squares of kernels over solid angle."""
+    """(n_nodes, 1) sums of squares of kernels over solid angle."""
     cells = np.fft.irfft(kernel * _half_cell(n_c)[: kernel.shape[2]].conj(), n_c, axis=2)
-    return np.repeat(np.einsum("nrc,nrc,r->n", cells, cells, solid), n_c)
+    return np.asarray(np.einsum("nrc,nrc,r->n", cells, cells, solid))[:, None]
 
 
 def _half_cell(n_c: int) -> NDArray[np.complex128]:
@@ -153,10 +157,12 @@ class _Block:
 
     Attributes
     ----------
+    nodes : (n_nodes,) their numbers, from the first edge on
     kernels : (3, n_nodes, n_rows, n_c // 2 + 1), weights of flux: of the density of the parabola,
         and of the mean in half the radius; 1 in cells within the disc
     """
 
+    nodes: NDArray[np.int64]
     begin: int
     end: int
     kernels: Floats
@@ -177,35 +183,56 @@ class _Grid:
         self.n_levels = 1 + int(2.0 * math.log2(max(self.largest / (_FIRST * self.step), 2.0)))
         self._kept: dict[int, list[_Block]] = {}
 
-    def blocks(self, level: int) -> Iterator[_Block]:
-        """Kernels of a level, some nodes at a time."""
+    def blocks(self, level: int, lit: NDArray[np.int64]) -> Iterator[_Block]:
+        """Kernels of a level, some nodes at a time, where they differ from those of the last one.
+
+        Parameters
+        ----------
+        lit : rows with light; windows of which no row is may be left out
+        """
+        new = np.array([self._is_new(node, level) for node in range(self.n_gamma + 1)])
         size = 3 * (self.n_gamma + 1) * self.n_gamma * (self.n_c // 2 + 1)
         if size * self.n_levels > _KEPT:
-            yield from self._made(level)
+            reach = [self._rows(node, level) for node in range(self.n_gamma + 1)]
+            begin, end = np.searchsorted(lit, np.array(reach)).T
+            yield from self._made(np.flatnonzero(new & (begin < end)), level)
             return
         if level not in self._kept:
-            self._kept[level] = list(self._made(level))
+            self._kept[level] = list(self._made(np.flatnonzero(new), level))
         yield from self._kept[level]
 
-    def _made(self, level: int) -> Iterator[_Block]:
+    def _radius(self, node: int, level: int) -> float:
+        """Of the window [rad]; no smaller than 1.6 of the cells there."""
+        around = 2.0 * math.pi / (self.n_c * self.parts)
+        first = _FIRST * max(self.step, around * math.sin(self.low + node * self.step))
+        return float(min(first * 2.0 ** (0.5 * level), max(self.largest, first)))
+
+    def _is_new(self, node: int, level: int) -> bool:
+        return level == 0 or self._radius(node, level) != self._radius(node, level - 1)
+
+    def _rows(self, node: int, level: int) -> tuple[int, int]:
+        """Rows [begin, end) that a window meets."""
+        gamma, radius = self.low + node * self.step, self._radius(node, level)
+        begin = max(0, math.floor((gamma - radius - self.low) / self.step + 1e-9))
+        end = min(self.n_gamma, math.ceil((gamma + radius - self.low) / self.step - 1e-9))
+        return begin, end
+
+    def _made(self, chosen: NDArray[np.int64], level: int) -> Iterator[_Block]:
         at_once = max(1, _BLOCK // (self.n_gamma * (self.n_c // 2 + 1)))
-        for first in range(0, self.n_gamma + 1, at_once):
-            nodes = range(first, min(first + at_once, self.n_gamma + 1))
-            rows = [self._row(node, level) for node in nodes]
+        for first in range(0, len(chosen), at_once):
+            nodes = chosen[first : first + at_once]
+            rows = [self._row(node, level) for node in nodes.tolist()]
             begin, end = min(row.begin for row in rows), max(row.end for row in rows)
             kernels = np.zeros((3, len(rows), end - begin, self.n_c // 2 + 1))
             for k, row in enumerate(rows):
                 kernels[:, k, row.begin - begin : row.end - begin] = row.kernels[:, 0]
-            yield _Block(begin, end, kernels)
+            yield _Block(nodes, begin, end, kernels)
 
     def _row(self, node: int, level: int) -> _Block:
         """Kernel of the node at C = 0."""
         gamma = self.low + node * self.step
         around = 2.0 * np.pi / (self.n_c * self.parts)
-        first = _FIRST * max(self.step, around * math.sin(gamma))
-        radius = min(first * 2.0 ** (0.5 * level), max(self.largest, first))
-        begin = max(0, math.floor((gamma - radius - self.low) / self.step + 1e-9))
-        end = min(self.n_gamma, math.ceil((gamma + radius - self.low) / self.step - 1e-9))
+        radius, (begin, end) = self._radius(node, level), self._rows(node, level)
         # Where parts of cells lie, seen from the node
         n_rows, n_parts = end - begin, self.n_c * self.parts
         fine = self.low + self.step * (begin + (np.arange(n_rows * _WITHIN) + 0.5) / _WITHIN)
@@ -235,4 +262,4 @@ class _Grid:
         near = mean(np.maximum(1.0 - 4.0 * r2, 0.0))
         kernels = np.stack([np.tensordot(g, weighed, 1), near / (near * area).sum(), w > 0.0])
         cells = kernels.reshape(3, n_rows, self.n_c, self.parts).mean(axis=3)
-        return _Block(begin, end, _even_harmonics(cells)[:, None])
+        return _Block(np.array([node]), begin, end, _even_harmonics(cells)[:, None])
