@@ -22,6 +22,9 @@ Measured = tuple[float, float]
 _MOST_AROUND, _MOST_ROWS = 72, 180
 """Cells in C and rows in gamma from which on neighbours are joined beforehand."""
 
+_COUNTED = 30.0
+"""Rays from which on a cell says by itself what the intensity is at least."""
+
 _EDGE = 0.7
 """Share of the peak within three cells from which on a fall is an edge between two cells."""
 
@@ -37,7 +40,7 @@ class BeamPlane:
     values, se : (n,) intensity and its standard error
     peak : largest intensity of the plane
     beam_deg, field_deg : full angle between half, and a tenth, of ``peak``, and its standard error;
-        None where the intensity does not fall as far within the detector
+        None where the intensity does not fall as far within the detector, or nothing is known of it
     """
 
     name: str
@@ -90,10 +93,12 @@ def beam_of(image: DetectorImage, density: Floats) -> Beam:
     total, squares = float(flux.sum()), float(variance.sum())
     rays = total**2 / squares if squares > 0.0 else 0.0
     low, high = (float(angle) for angle in angles)
+    image_variance = variance
     flux, variance = _fewer_cells(flux, variance)
     harmonics = harmonics_shown(flux, variance)
     fits = sphere_fits(shares_of(flux, variance), variance, (low, high), harmonics)
     joined = join_windows(fits, rays)
+    peak = _at_least(largest(joined), _densest(density, image_variance, measure.values))
     n_gamma, n_c = flux.shape
     gamma = np.linspace(low, high, n_gamma + 1)
     grid = np.arange((n_gamma + 1) * n_c).reshape(n_gamma + 1, n_c)
@@ -106,26 +111,51 @@ def beam_of(image: DetectorImage, density: Floats) -> Beam:
         c_deg=np.arange(n_c) * 360.0 / n_c,
         values=np.maximum(joined.values, 0.0).reshape(grid.shape),
         se=joined.se.reshape(grid.shape),
-        peak=largest(joined),
+        peak=peak,
         planes=tuple(planes),
     )
+
+
+def _densest(density: Floats, variance: Floats, size: Floats) -> Measured:
+    """The intensity of a cell, of all that which is largest beyond doubt, and its error.
+
+    Nowhere less than the mean of a cell is the largest intensity.
+    """
+    se = np.sqrt(variance) / size
+    # Chance brings so many errors among so many cells, and few rays scatter more
+    sure = np.where(variance > 0.0, (density * size) ** 2 >= _COUNTED * variance, True)
+    beyond = np.where(sure, density - math.sqrt(2.0 * math.log(density.size + 1.0)) * se, 0.0)
+    place = np.unravel_index(int(np.argmax(beyond)), density.shape)
+    return (float(density[place]), float(se[place])) if beyond[place] > 0.0 else (0.0, 0.0)
+
+
+def _at_least(peak: Measured, cell: Measured) -> Measured:
+    """A peak that is no less than a cell; what it lay below is what the cells do not resolve."""
+    missed = cell[0] - peak[0]
+    if missed <= 3.0 * math.hypot(peak[1], cell[1]):
+        return peak
+    return cell[0], math.hypot(cell[1], missed)
 
 
 def _fewer_cells(flux: Floats, variance: Floats) -> tuple[Floats, Floats]:
     """The light in as few cells as its beam needs: work grows with their cube.
 
-    Cells are joined evenly, in C to no fewer than 36, in gamma as long as the rows above half of
-    the brightest are at least six.
+    Cells are joined evenly, to no fewer than half of the most, as long as the rows, and the
+    columns, above half of the brightest are at least six.
     """
-    n_gamma, n_c = flux.shape
-    wide = _divisor(n_c, _MOST_AROUND)
-    rows = flux.sum(axis=1)
-    bright = int(np.count_nonzero(rows > 0.5 * rows.max(initial=0.0)))
-    high = min(_divisor(n_gamma, _MOST_ROWS), max(1, bright // 6))
-    while n_gamma % high:
-        high -= 1
-    shape = (n_gamma // high, high, n_c // wide, wide)
+    high = _joinable(flux.sum(axis=1), _MOST_ROWS)
+    wide = _joinable(flux.sum(axis=0), _MOST_AROUND)
+    shape = (flux.shape[0] // high, high, flux.shape[1] // wide, wide)
     return flux.reshape(shape).sum(axis=(1, 3)), variance.reshape(shape).sum(axis=(1, 3))
+
+
+def _joinable(light: Floats, most: int) -> int:
+    """How many rows (columns) of this light make one."""
+    bright = int(np.count_nonzero(light > 0.5 * light.max(initial=0.0)))
+    joined = min(_divisor(len(light), most), max(1, bright // 6))
+    while len(light) % joined:
+        joined -= 1
+    return joined
 
 
 def _divisor(n: int, most: int) -> int:
@@ -193,7 +223,9 @@ def _angle(curve: Joined, gamma: Floats, peak: Measured, share: float) -> Measur
     if len(angles) > 1:
         spread = (len(angles) - 1) / len(angles) * float(((angles - angles.mean()) ** 2).sum())
         variance = max(variance, spread)
-    return sides[1] - sides[0], math.sqrt(variance)
+    angle, se = sides[1] - sides[0], math.sqrt(variance)
+    # An error of half a turn: nothing is known of the angle
+    return (angle, se) if angle > 0.0 and se < 180.0 else None
 
 
 def full_angle(gamma_deg: Floats, values: Floats, share: float) -> float | None:

@@ -126,8 +126,9 @@ def sphere_fits(flux: Floats, variance: Floats, gamma_deg: Span, harmonics: int)
 
 def _squared(kernel: Floats, n_c: int, solid: Floats) -> Floats:
     """(n_nodes, 1) sums of squares of kernels over solid angle."""
-    cells = np.fft.irfft(kernel * _half_cell(n_c)[: kernel.shape[2]].conj(), n_c, axis=2)
-    return np.asarray(np.einsum("nrc,nrc,r->n", cells, cells, solid))[:, None]
+    # Parseval: every harmonic but the mean stands for two; the last one of an even n_c is zero
+    twice = np.where(np.arange(kernel.shape[2]) == 0, 1.0, 2.0) / n_c
+    return np.asarray(np.einsum("nrm,m,r->n", kernel**2, twice, solid, optimize=True))[:, None]
 
 
 def _half_cell(n_c: int) -> NDArray[np.complex128]:
@@ -228,15 +229,25 @@ class _Grid:
                 kernels[:, k, row.begin - begin : row.end - begin] = row.kernels[:, 0]
             yield _Block(nodes, begin, end, kernels)
 
+    def _parts_within(self, gamma: float, radius: float) -> int:
+        """Parts of a circle that a window meets, in whole cells about C = 0."""
+        # r² of Lambert's projection is 2 (1 - cos θ) at an angle θ
+        sin = math.sqrt(max(radius**2 * (1.0 - 0.25 * radius**2), 0.0))
+        if radius >= 1.4 or sin >= abs(math.sin(gamma)):
+            return self.n_c * self.parts
+        half = math.ceil(math.asin(sin / abs(math.sin(gamma))) / (2.0 * math.pi) * self.n_c + 1e-9)
+        return min(2 * half, self.n_c) * self.parts
+
     def _row(self, node: int, level: int) -> _Block:
         """Kernel of the node at C = 0."""
         gamma = self.low + node * self.step
         around = 2.0 * np.pi / (self.n_c * self.parts)
         radius, (begin, end) = self._radius(node, level), self._rows(node, level)
         # Where parts of cells lie, seen from the node
-        n_rows, n_parts = end - begin, self.n_c * self.parts
+        n_rows, n_parts = end - begin, self._parts_within(gamma, radius)
         fine = self.low + self.step * (begin + (np.arange(n_rows * _WITHIN) + 0.5) / _WITHIN)
-        c = (np.arange(n_parts) + 0.5) * around
+        columns = np.arange(n_parts // self.parts) - n_parts // self.parts // 2
+        c = (np.arange(n_parts) + columns[0] * self.parts + 0.5) * around
         sin, cos = np.sin(fine)[:, None], np.cos(fine)[:, None]
         along = sin * np.cos(c)
         toward = along * math.sin(gamma) + cos * math.cos(gamma)
@@ -261,5 +272,7 @@ class _Grid:
         g = np.linalg.lstsq(gram, np.array([1.0, 0.0, 0.0, 0.0]), rcond=1e-9)[0]
         near = mean(np.maximum(1.0 - 4.0 * r2, 0.0))
         kernels = np.stack([np.tensordot(g, weighed, 1), near / (near * area).sum(), w > 0.0])
-        cells = kernels.reshape(3, n_rows, self.n_c, self.parts).mean(axis=3)
+        within = kernels.reshape(3, n_rows, -1, self.parts).mean(axis=3)
+        cells = np.zeros((3, n_rows, self.n_c))
+        cells[:, :, columns % self.n_c] = within
         return _Block(np.array([node]), begin, end, _even_harmonics(cells)[:, None])

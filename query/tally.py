@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.directory import Directory
+from raymap.errors import RayMapError
 from raymap.rows import squares_by_emission
 
 __all__ = [
@@ -27,6 +28,11 @@ __all__ = [
 
 Ints = NDArray[np.integer]
 Floats = NDArray[np.float64]
+
+
+_MOST = 1e70
+"""No sum of weights is larger, which are float32, or flux of a source: squares of both, and their
+product, are numbers."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +54,20 @@ class Tally:
     rays: NDArray[np.int64]
     sum_w: Floats
     sum_w2: Floats
+
+    def __post_init__(self) -> None:
+        """Refuse sums that no rays have: from here on nothing overflows.
+
+        Raises
+        ------
+        RayMapError
+        """
+        for sums, most in ((self.sum_w, _MOST), (self.sum_w2, _MOST**2)):
+            if not (np.abs(sums) <= most).all():
+                raise RayMapError(
+                    "the weights of the rays do not add up to a number: the file states sums that "
+                    "no rays have; raymap verify says where, raymap repair saves the rest"
+                )
 
     @classmethod
     def zeros(cls, size: int) -> Tally:
@@ -95,8 +115,20 @@ def sums(labels: Ints, values: Floats, size: int) -> Floats:
 
 
 def source_factors(directory: Directory, emitted: Ints) -> Floats:
-    """(n_sources,) flux of a ray of weight 1; 0 where a source emitted nothing."""
+    """(n_sources,) flux of a ray of weight 1; 0 where a source emitted nothing.
+
+    Raises
+    ------
+    RayMapError
+        A flux is too large for sums.
+    """
     flux = np.array([source.flux for source in directory.sources], np.float64)
+    if not (flux <= _MOST).all():
+        source = directory.sources[int(np.argmin(flux <= _MOST))]
+        raise RayMapError(
+            f"source {source.name!r} is said to emit {source.flux:g} {directory.flux_unit}, which "
+            "no sum can hold: the file is damaged, or was made up"
+        )
     return np.divide(flux, emitted, out=np.zeros(len(flux)), where=emitted > 0)
 
 

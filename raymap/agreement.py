@@ -101,9 +101,13 @@ def compare_totals(
         raise FormatError(f"merged dictionary: rays of the paths do not add up to {n_rays}")
     if bool(paths.grouped) != grouped:
         raise FormatError("merged dictionary: it contradicts the portions on emissions")
+    # Weights are float32, squares of their sums no more than that of all of them
+    most = (n_rays * float(np.finfo(np.float32).max)) ** 2
     for sums in (paths.sum_w, paths.sum_w2, *_worth_squares(paths), *paths.sum_wc):
-        if not (np.isfinite(sums) & (sums >= 0)).all():
-            raise FormatError("merged dictionary: a sum of weights is negative or no number")
+        if not ((sums >= 0) & (sums <= most)).all():
+            raise FormatError(
+                "merged dictionary: a sum of weights is negative, no number, or more than rays have"
+            )
     if not weighted:
         plain = paths.rays.astype(np.float64)
         if not np.array_equal(paths.sum_w, plain):

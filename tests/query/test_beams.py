@@ -194,3 +194,34 @@ def test_the_whole_way_through_a_map(tmp_path: Path) -> None:
 def _lines(numbers: str) -> str:
     words = numbers.split()
     return "\n".join(" ".join(words[k : k + 10]) for k in range(0, len(words), 10))
+
+
+@pytest.mark.parametrize(("gamma_deg", "fwhm_deg"), [(0.0, 0.5), (20.0, 0.9), (60.0, 0.5)])
+def test_narrow_beams_in_fine_cells_are_not_charted_as_wide_ones(
+    gamma_deg: float, fwhm_deg: float
+) -> None:
+    # A Gaussian beam of 1,000 cd somewhere in cells of 1° x 0.1°; off the axis its width is that of
+    # a cell in C, whose mean intensity lies well below the peak
+    middle, factor = np.radians(gamma_deg), 4.0 * np.log(2.0) / np.radians(fwhm_deg) ** 2
+
+    def intensity(gamma: Array, c: Array) -> Array:
+        cos = np.cos(gamma) * np.cos(middle) + np.sin(gamma) * np.sin(middle) * np.cos(c - 1.0)
+        return 1000.0 * np.exp(-factor * np.arccos(np.clip(cos, -1.0, 1.0)) ** 2)
+
+    image = far_field(intensity, (360, 900))
+    flux = image.channels[:, :, 1]
+    ray = flux.sum() / 50_000
+    counts = np.random.default_rng(4).poisson(flux / ray)
+    image.channels[:, :, 1], image.variance[:] = counts * ray, counts * ray**2
+    image.rays[:] = counts
+    beam = beam_of(image, image.density())
+    peak, se = beam.peak
+    assert abs(peak - 1000.0) < 2.0 * se
+    assert peak > 600.0
+    for plane in beam.planes:
+        for angle in (plane.beam_deg, plane.field_deg):
+            assert angle is None or angle[0] > 0.0
+    if gamma_deg == 0.0:
+        measured = beam.planes[0].beam_deg
+        assert measured is not None
+        assert abs(measured[0] - fwhm_deg) < 2.0 * measured[1] < 0.5
