@@ -184,8 +184,8 @@ def illuminated(
     for tally, _ in products:
         every = every + tally
     shape = 3, n_objects, n_sources
-    sums = (column.reshape(shape) for column in (every.rays, every.sum_w, every.sum_w2))
-    rays, sum_w, sum_w2 = sums
+    rays = every.rays.reshape(shape)
+    sum_w, sum_w2 = every.sum_w.reshape(shape), every.sum_w2.reshape(shape)
     factors = source_factors(directory, scan.emitted)
     flux, counts = sum_w @ factors, rays.sum(axis=2)
     se = np.sqrt(variances(factors, scan.emitted, sum_w, sum_w2).sum(axis=2))

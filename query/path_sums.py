@@ -124,7 +124,9 @@ def _by_ray(
     """Each ray once for every label of its path."""
     counts = np.bincount(labels.path, minlength=n_paths)
     offsets = np.concatenate(([0], np.cumsum(counts)))
-    pairs = np.argsort(labels.path, kind="stable")[rows_of_rays(offsets, path_of_ray)]
+    pairs = np.argsort(labels.path, kind="stable")[
+        rows_of_rays(offsets, path_of_ray.astype(np.int64))
+    ]
     ray = np.repeat(np.arange(len(path_of_ray)), counts[path_of_ray])
     own = None if weight is None else weight[ray]
     tally = Tally.of_rays(labels.label[pairs], own, emission[ray], labels.size)

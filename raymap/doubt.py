@@ -32,7 +32,7 @@ def marked(text: str, value: float | None, se: float | None) -> str:
 
 def with_error(value: float, se: float, unit: str = "") -> str:
     """A number with its standard error; marked where that is above 30 %."""
-    if value and se <= 1e-7 * abs(value):
+    if value and se <= 1e-7 * abs(value) < math.inf:
         # All of the light was met: only the rounding of sums is left
         return f"{value:.6g}{unit}"
     # As many digits as the error has, and one more
