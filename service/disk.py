@@ -69,7 +69,10 @@ class Disk:
         ------
         RayMapError
         """
-        if len(self._kept) + len(self._written) >= self.limits.written_files:
+        if self.room() < more or self._files() >= self.limits.written_files:
+            with self._lock:
+                self._forget_removed()
+        if self._files() >= self.limits.written_files:
             raise RayMapError(
                 f"{what}: clients have written {self.limits.written_files} files into this folder; "
                 "its owner removes some, or moves them"
@@ -80,6 +83,9 @@ class Disk:
                 f"into this folder, and {self.limits.spare_bytes >> 20} MiB of the disk "
                 "stay free; its owner raises --disk-bytes or removes what they wrote"
             )
+
+    def _files(self) -> int:
+        return len(self._kept) + len(self._written)
 
     @contextmanager
     def writing(self, written: Path, target: Path, *, keeps: bool) -> Iterator[None]:
@@ -130,13 +136,15 @@ class Disk:
                 self._kept[place] = max(_LEAST_FILE, size - before)
                 self._before[place] = before
 
-    def _note(self) -> None:
-        """Write down what counts, so that the next service knows it."""
-        gone = [place for place in self._kept if not place.exists()]
-        for place in gone:
-            # What its owner removed makes room again
+    def _forget_removed(self) -> None:
+        """What its owner removed makes room again."""
+        for place in [place for place in self._kept if not place.exists()]:
             del self._kept[place]
             self._before.pop(place, None)
+
+    def _note(self) -> None:
+        """Write down what counts, so that the next service knows it."""
+        self._forget_removed()
         files = {place: self._before.get(place, 0) for place in self._kept}
         files |= dict(self._written)
         rows = {place.relative_to(self.root).as_posix(): size for place, size in files.items()}

@@ -189,7 +189,7 @@ class Incoming:
             protocol = handler.getServerProtocol()
             handler.unchunkers = _make_unchunkers()
             handler.functionMap = {
-                "trame.state.get": handler.functionMap["trame.state.get"],
+                "trame.state.get": (protocol, lambda protocol, *_: protocol.get_server_state()),
                 "trame.state.update": (protocol, self._update),
                 "trame.trigger": (protocol, self._trigger),
                 "trame.lifecycle.update": (protocol, lambda *_: None),

@@ -22,16 +22,10 @@ from service.front import Frames, Refused, Sieve, Streams, Total
 from service.limits import Busy, OutOfTime, Shares
 from service.results import check_done, check_progress, check_scene, read_png
 from service.workers import Bounds, Workers
+from tests.service import http2
 from tests.service.conftest import TOKEN, Starter
-
-PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n"
-
-
-def frame(kind: int, flags: int, stream: int, payload: bytes = b"") -> bytes:
-    """A frame of RFC 9113, section 4.1."""
-    return len(payload).to_bytes(3, "big") + bytes([kind, flags]) + stream.to_bytes(4, "big") + (
-        payload
-    )  # fmt: skip
+from tests.service.hostile import write_large_map
+from tests.service.http2 import PREFACE, frame
 
 
 def message(size: int, sent: int, flag: int = 0) -> bytes:
@@ -113,8 +107,10 @@ def test_large_messages_without_a_token(start: Starter) -> None:
     said = unread(service.address, begun)
     assert b"at most 8388608 are taken" in said
     with flight.connect(service.address) as plain, pytest.raises(flight.FlightError) as refused:
-        list(plain.do_action(flight.Action("hello", b" " * 20_000_000)))
-    assert isinstance(refused.value, flight.FlightUnavailableError | flight.FlightError)
+        # A client waits for ever unless it says how long; refused in a tenth of a second of work
+        patience = flight.FlightCallOptions(timeout=300)
+        list(plain.do_action(flight.Action("hello", b" " * 20_000_000), patience))
+    assert isinstance(refused.value, flight.FlightUnavailableError)
     with raymap.connect(service.address, token=TOKEN) as client:
         assert client.files()
 
@@ -132,14 +128,70 @@ def test_connections_that_say_nothing(start: Starter) -> None:
     assert unread(service.address, b"GET / HTTP/1.1\r\n\r\n" * 3) is not None
 
 
-def test_a_reader_that_does_not_read(start: Starter) -> None:
-    service = start(limits=Limits(stall_seconds=0.5, streams=2, client_streams=1, spare_workers=0))
-    # HTTP/2 with a window for the connection and the stream as large as they can be, as a client
-    # says that takes everything, and does not
+def test_a_reader_that_does_not_read(start: Starter, folder: Path) -> None:
+    """It asks for 20 MB with windows as wide as they can be, takes nothing, and is cut off."""
+    write_large_map(folder / "large.raymap", 3)
+    service = start(limits=Limits(stall_seconds=1.0, streams=2, client_streams=1, spare_workers=0))
+    asked = {"map": "large.raymap"}
+    with http2.connect(service.address, narrow=True) as raw:
+        wanted = http2.ticket({"get": "rays", **asked})
+        raw.sendall(http2.greeting() + http2.asks("DoGet", TOKEN, wanted))
+        assert raw.recv(1)
+        front = service._front
+        assert front is not None
+        begun = 0
+        for _ in range(600):
+            begun += service.metrics.running() > 0
+            if begun and not front._connections:
+                break
+            time.sleep(0.05)
+        taken, ended = http2.take_all(raw, 20.0)
+    assert ended
+    assert taken < 10e6
     with raymap.connect(service.address, token=TOKEN) as client:
-        first = client.stream("rays", {"map": "small.raymap"})
-        assert first.schema
-        first.read_all()
+        for _ in range(100):
+            # What was being sent ends a moment after its reader
+            with contextlib.suppress(flight.FlightUnavailableError):
+                assert client.stream("rays", asked).read_all().nbytes > 20e6
+                break
+            time.sleep(0.1)
+        else:
+            raise AssertionError("the place of the reader was not given back")
+
+
+def test_a_writer_that_does_not_end(start: Starter) -> None:
+    """Neither its message nor its headers; it is cut off, token or not."""
+    service = start(limits=Limits(stall_seconds=1.0, spare_workers=0))
+    token = http2.headers("DoPut", TOKEN)
+    begun = [
+        http2.frame(http2.HEADERS, http2.END_HEADERS, 1, token),
+        http2.frame(http2.HEADERS, http2.END_HEADERS, 1, token)
+        + http2.frame(http2.DATA, 0, 1, http2.message(1000, b"x")),
+        http2.frame(http2.HEADERS, 0, 1, http2.headers("DoPut", None)),
+    ]
+    for data in begun:
+        with http2.connect(service.address) as raw:
+            raw.sendall(http2.greeting() + data)
+            assert http2.take_all(raw, 30.0)[1]
+
+
+def test_who_never_asked_gives_way(start: Starter) -> None:
+    """All places are taken by connections that begin requests and do not end them."""
+    service = start(limits=Limits(connections=3, spare_workers=0))
+    begun = http2.frame(http2.HEADERS, 0, 1, http2.headers("DoPut", None))
+    held = [http2.connect(service.address) for _ in range(9)]
+    try:
+        for raw in held:
+            with contextlib.suppress(OSError):
+                raw.sendall(http2.greeting() + begun)
+        with raymap.connect(service.address, token=TOKEN) as client:
+            assert client.open("small.raymap").query().matched > 0
+    finally:
+        for raw in held:
+            raw.close()
+
+
+def test_shares() -> None:
     shares = Shares(3, 2, "streams")
     with shares.one("a"), shares.one("a"), shares.one("b"):
         with pytest.raises(Busy, match="2 streams of yours"), shares.one("a"):
@@ -168,6 +220,14 @@ def test_disk_quota(tmp_path: Path) -> None:
     assert disk.room() == 5000
     with pytest.raises(RayMapError, match="no room"):
         disk.check("upload", 5001)
+    # What the owner removes while the service runs makes room
+    removed = tmp_path / "removed"
+    with disk.writing(removed, removed, keeps=False):
+        removed.write_bytes(b"x" * 4500)
+    with pytest.raises(RayMapError, match="no room"):
+        disk.check("upload", 4096)
+    removed.unlink()
+    disk.check("upload", 4096)
     few = Disk(ServedFolder(tmp_path), Limits(written_files=1, spare_bytes=0))
     with pytest.raises(RayMapError, match="1 files"):
         few.check("upload")

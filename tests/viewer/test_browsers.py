@@ -125,3 +125,15 @@ def run(map_path: Path, script: Callable[[RunningServer], Any]) -> None:
             running.stop()
     # Nothing of it stays behind
     assert len(core.AVAILABLE_SERVERS) == before
+
+
+def test_random_messages_wedge_no_session(map_path: Path) -> None:
+    """400 of the 5,000 of ``tests/fuzz/fuzz_page.py``."""
+    from tests.fuzz.fuzz_page import fuzz
+
+    async def script(running: RunningServer) -> None:
+        painted, _ = await fuzz(running, 400, seed=2)
+        assert painted >= 2
+        assert all(len(item["text"]) < 600 for item in running.server.state.messages)
+
+    run(map_path, script)
