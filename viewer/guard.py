@@ -134,7 +134,7 @@ class Guard:
 
     def browser(self, request: Any) -> str | None:
         """Which browser asks, by the cookie that this server gave it; None without one."""
-        header = request.headers.get("Cookie", "")
+        header = str(request.headers.get("Cookie", ""))
         pairs = (part.strip().partition("=") for part in header[:8192].split(";"))
         for name, _, value in pairs:
             if name == self._cookie:
