@@ -7,6 +7,8 @@ import os
 import stat
 import threading
 import time
+import urllib.error
+import urllib.request
 from pathlib import Path
 from typing import Any
 
@@ -260,3 +262,33 @@ def test_files_that_hold_no_tokens(tmp_path: Path, content: str) -> None:
     os.unlink(path)
     with pytest.raises(RayMapError, match="raymap token add"):
         TokenFile(path).check()
+
+
+def test_an_application_ends_with_its_token_and_shows_nothing_of_the_services_user(
+    start: Starter, tokens: TokenFile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("trame")
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "home"))
+    kept = tmp_path / "home" / "raymap" / "criteria.json"
+    kept.parent.mkdir(parents=True)
+    kept.write_text('{"recent": ["hit(\\"tube\\")"], "saved": {"mine": "hit(\\"L1\\")"}}')
+    service = start(tokens=tokens)
+    guest = tokens.add("guest", frozenset({"ask"}))
+    with raymap.connect(service.address, token=guest) as client:
+        opened = client.ask("view", {"map": "small.raymap"})
+    with urllib.request.urlopen(opened["url"], timeout=30) as page:
+        assert page.status == 200
+    (shown,) = service.applications._opened.values()
+    state = shown.server.application.page
+    assert (state.recent, state.saved) == ([], [])
+    shown.server.application.shelf.use('hit("L1")')
+    assert json.loads(kept.read_text())["recent"] == ['hit("tube")']
+    tokens.remove("guest")
+    for _ in range(300):
+        if not len(service.applications):
+            break
+        time.sleep(0.1)
+    assert not len(service.applications)
+    shown.server._thread.join(30)
+    with pytest.raises(urllib.error.URLError):
+        urllib.request.urlopen(opened["url"], timeout=30)
