@@ -28,7 +28,7 @@ from service.limits import Limits
 __all__ = ["Front", "Refused", "Sieve", "Streams", "is_possible"]
 
 _PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n"
-_HEADER, _MESSAGE = 9, 5
+_HEADER, _MESSAGE, _GOODBYE = 9, 5, 8
 _DATA, _HEADERS, _RESET, _SETTINGS, _GOAWAY = 0, 1, 3, 4, 7
 _END_STREAM, _ACK, _PADDED = 1, 1, 8
 _MAX_CONCURRENT_STREAMS = 3
@@ -129,6 +129,7 @@ class Sieve:
         self.streams, self.most, self.total = streams, most, total
         self._frames = Frames()
         self._prefaces = len(_PREFACE)
+        self._goodbye = 0
         self._messages: dict[int, _Message] = {}
 
     def take(self, data: bytes) -> None:
@@ -154,6 +155,8 @@ class Sieve:
                 continue
             elif kind == _DATA:
                 self._data(stream, flags, payload)
+            elif kind == _GOAWAY:
+                self._hear_goodbye(payload, last)
             if last and kind in (_DATA, _HEADERS) and flags & _END_STREAM:
                 self._forget(stream)
                 self.streams.end(stream, "client")
@@ -162,6 +165,13 @@ class Sieve:
         """The connection is gone."""
         for stream in list(self._messages):
             self._forget(stream)
+
+    def _hear_goodbye(self, payload: bytes, last: bool) -> None:
+        """The text of a GOAWAY stands in the server's log: it may not act on a terminal."""
+        text = payload[max(0, _GOODBYE - self._goodbye) :]
+        self._goodbye = 0 if last else self._goodbye + len(payload)
+        if any(not 32 <= byte < 127 for byte in text):
+            raise Refused("this goodbye is no plain text")
 
     def _data(self, stream: int, flags: int, payload: bytes) -> None:
         if flags & _PADDED:

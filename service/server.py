@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import sys
 import threading
@@ -130,6 +131,8 @@ class RaymapService(flight.FlightServerBase):  # type: ignore[misc]
         self._answers = Shares(self.limits.streams, self.limits.client_streams, "streams")
         location, certificates = f"{self._scheme}://{host}:{port}", None
         self._front: Front | None = None
+        # What clients do wrong is no news for its terminal
+        os.environ.setdefault("GRPC_VERBOSITY", "ERROR")
         try:
             if is_possible():
                 self._front = Front(host, port, tls, self.limits)

@@ -141,7 +141,7 @@ class Server:
             print(f"an honest client was told: {error}", file=sys.stderr)
             return False
 
-    def stop(self, number: int = signal.SIGTERM, seconds: float = 60.0) -> int:
+    def stop(self, number: int = signal.SIGTERM, seconds: float = 120.0) -> int:
         """End it; its exit status."""
         self._watching = False
         self.process.send_signal(number)
@@ -161,7 +161,7 @@ def _serve(folder: str, tokens: str, limits: str) -> None:
         browser=False, tokens=TokenFile(Path(tokens)),
     )  # fmt: skip
     print(json.dumps({"address": service.address}), flush=True)
-    serve(service, stop_seconds=5.0)
+    serve(service, stop_seconds=30.0)
 
 
 # -- what comes before a token ---------------------------------------------------------------------

@@ -66,6 +66,13 @@ def test_messages_are_judged_by_their_first_bytes() -> None:
         sieve().take(frame(1, 4, 1) + frame(0, 0, 1, message(10, 0, flag=1)))
     with pytest.raises(Refused, match="more than 4 requests"):
         sieve().take(b"".join(frame(1, 4, stream) for stream in (1, 3, 5, 7, 9)))
+    for text in (b"\x1b[2J", b"a\nb", b"\xff"):
+        for step in (3, 9, 100):
+            data = frame(7, 0, 0, bytes(8) + text)
+            pieces = [data[at : at + step] for at in range(0, len(data), step)]
+            with pytest.raises(Refused, match="plain text"):
+                list(map(sieve().take, pieces))
+    sieve().take(frame(7, 0, 0, bytes(8) + b"so long") + frame(7, 0, 0, bytes(8)))
     # Unfinished messages of all connections count together, until they are whole or given up
     total = Total(2500)
     one, other = sieve(total=total), sieve(total=total)
