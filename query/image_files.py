@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from query.pictures import DetectorImage
 from raymap.errors import RayMapError
 from raymap.extras import require
-from raymap.replacing import replacing
+from raymap.replacing import check_place, replacing
 
 __all__ = ["KINDS", "check_image", "png_bytes", "png_html", "write_image"]
 
@@ -110,8 +110,7 @@ def check_image(path: str | Path, kind: str | None = None) -> None:
     suffix = target.suffix.lower()
     if suffix not in _SUFFIXES:
         raise RayMapError(f"pictures end in {', '.join(_SUFFIXES)}, not {target.name!r}")
-    if not target.parent.is_dir():
-        raise RayMapError(f"there is no folder {target.parent} to write {target.name} into")
+    check_place(target)
     if kind is not None and kind not in KINDS:
         raise RayMapError(f"pictures are of kind {', '.join(KINDS)}, not {kind!r}")
     if suffix == ".ies" and kind not in (None, "candela"):

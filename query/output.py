@@ -38,8 +38,6 @@ def check_target(path: Path, rows: str, *, force: bool) -> None:
         raise RayMapError(f"a selection is written to {', '.join(SUFFIXES)}, not {path.name!r}")
     if rows not in _ROWS:
         raise RayMapError(f"rows are {' or '.join(_ROWS)}, not {rows!r}")
-    if not path.parent.is_dir():
-        raise RayMapError(f"there is no folder {path.parent} to write {path.name} into")
     refuse_existing(path, force=force)
 
 

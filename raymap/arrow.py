@@ -65,7 +65,9 @@ def export(
     ray_map.need_rays()
     target = Path(path)
     is_free = target.is_dir() and not any(target.iterdir())
-    refuse_existing(target, force=force or is_free)
+    is_table = target.suffix.lower()[1:] in FORMS
+    is_folder = form == "folder" or (form is None and not is_table and _names_folder(path))
+    refuse_existing(target, force=force or is_free, folder=is_folder)
     chosen = form or _form_of(os.fspath(path))
     schema = schema_of(ray_map, rows)
     if chosen == "folder":
@@ -76,13 +78,17 @@ def export(
         return writer(temporary, schema, batches(ray_map, rows, ray_ids, schema))
 
 
+def _names_folder(path: str | os.PathLike[str]) -> bool:
+    return os.path.isdir(path) or os.fspath(path).endswith(("/", os.sep))
+
+
 def _form_of(path: str) -> Form:
     """The form that a name says."""
     ending = Path(path).suffix.lower()[1:]
     for form in FORMS[:3]:
         if form == ending:
             return form
-    if os.path.isdir(path) or path.endswith(("/", os.sep)):
+    if _names_folder(path):
         return "folder"
     raise RayMapError(
         f"{path!r} ends with none of .parquet, .arrow, .csv: choose one of them, name a folder as "

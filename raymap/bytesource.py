@@ -9,6 +9,7 @@ from typing import Protocol
 
 from raymap.address import Address
 from raymap.errors import FormatError, NotARayMap
+from raymap.givenfile import not_readable
 from raymap.positional import read_at
 
 __all__ = ["ByteSource", "LocalBytes", "open_bytes"]
@@ -68,14 +69,16 @@ class LocalBytes:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        # A pipe is waited for when it is opened
+        if os.path.exists(path) and not os.path.isfile(path):
+            kind = "a folder" if os.path.isdir(path) else "a device or a pipe"
+            raise NotARayMap(f"{path} is {kind}, not a ray map; name a file")
         try:
             self._descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0))
-        except FileNotFoundError:
-            raise NotARayMap(f"{path} does not exist") from None
-        except IsADirectoryError:
-            raise NotARayMap(f"{path} is a folder, not a ray map") from None
+        except (FileNotFoundError, NotADirectoryError):
+            raise NotARayMap(f"{path} does not exist; check the path") from None
         except OSError as error:
-            raise NotARayMap(f"{path} cannot be read: {error.strerror}") from None
+            raise NotARayMap(not_readable(path, "ray map", error)) from None
         self._lock = threading.Lock()
         self.bytes_read = 0
         self._closed = False

@@ -10,6 +10,7 @@ from types import SimpleNamespace, TracebackType
 from typing import TYPE_CHECKING, Any
 
 from raymap.errors import MissingExtra, RayMapError
+from raymap.givenfile import check_given, given_bytes
 from raymap.protocol import (
     ADDRESS_VARIABLE,
     PROTOCOL,
@@ -68,10 +69,10 @@ def connect(
     options: dict[str, Any] = {}
     try:
         if root_certificates is not None:
-            options["tls_root_certs"] = Path(root_certificates).read_bytes()
+            options["tls_root_certs"] = given_bytes(root_certificates, "PEM file", ServiceError)
         client = flight.connect(where, **options)
-    except OSError as error:
-        raise ServiceError(f"{root_certificates} cannot be read: {error.strerror}") from None
+    except ServiceError:
+        raise
     except Exception as error:  # Arrow's own kinds of errors for a bad address
         raise ServiceError(f"{where!r} is not the address of a service: {_line(error)}") from None
     service = Service(client, where, secret)
@@ -132,6 +133,7 @@ class Service:
                ) -> str:  # fmt: skip
         """Put a file (a scene, a mesh, …) into the served folder; returns its name there."""
         source = Path(path)
+        check_given(source, "file", ServiceError)
         with source.open("rb") as file:
             chunks = iter(lambda: file.read(_CHUNK), b"")
             return self._put(name or source.name, chunks, force)

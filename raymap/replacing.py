@@ -10,7 +10,7 @@ from pathlib import Path
 
 from raymap.errors import MapExists, RayMapError
 
-__all__ = ["NotWritten", "refuse_existing", "replacing"]
+__all__ = ["NotWritten", "check_folder", "check_place", "refuse_existing", "replacing"]
 
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 
@@ -23,19 +23,78 @@ class NotWritten(RayMapError):
         self.reason = reason
 
 
-def refuse_existing(target: Path, *, force: bool) -> None:
-    """Refuse to write where a file stands, unless it may be replaced.
+def refuse_existing(target: Path, *, force: bool, folder: bool = False) -> None:
+    """Refuse to write where something stands, unless it may be replaced.
+
+    Parameters
+    ----------
+    folder : a folder is to be written, not a file
 
     Raises
     ------
     MapExists
         Something stands there and ``force`` is off.
+    NotWritten
+        Nothing can be written there at all.
     """
+    if folder:
+        check_folder(target)
+    else:
+        check_place(target)
     if not force and target.exists():
         raise MapExists(
             f"{target} exists: choose another name, or replace it with --force "
             "(in Python: force=True)"
         )
+
+
+def check_place(target: Path) -> Path:
+    """Refuse, before anything is computed for it, a place where no file can be written.
+
+    Returns
+    -------
+    path : where the file will stand: behind a symbolic link
+
+    Raises
+    ------
+    NotWritten
+        A folder or a device stands there, there is no folder for it, or it is closed.
+    """
+    if os.path.isdir(target):
+        raise NotWritten(target, "it is a folder; name a file")
+    if os.path.exists(target) and not os.path.isfile(target):
+        raise NotWritten(target, "it is a device; name a file")
+    place = Path(os.path.realpath(target)) if os.path.islink(target) else target
+    if not os.path.isdir(place.parent):
+        if os.path.exists(place.parent):
+            raise NotWritten(target, f"{place.parent} is no folder; choose another place")
+        raise NotWritten(target, f"there is no folder {place.parent}; make it, or choose another")
+    _check_open(place.parent, target)
+    return place
+
+
+def check_folder(folder: Path) -> None:
+    """Refuse, before anything is computed for it, a folder that cannot be made or written into.
+
+    Raises
+    ------
+    NotWritten
+        A file stands there or where a folder above it would, or it is closed.
+    """
+    nearest = folder
+    while not os.path.lexists(nearest) and nearest != nearest.parent:
+        nearest = nearest.parent
+    if not os.path.isdir(nearest):
+        where = "it" if nearest == folder else str(nearest)
+        raise NotWritten(folder, f"{where} is a file; name a folder")
+    _check_open(nearest, folder)
+
+
+def _check_open(folder: Path, target: Path) -> None:
+    """Refuse a folder into which this user may not write."""
+    effective = os.access in os.supports_effective_ids
+    if not os.access(folder, os.W_OK | os.X_OK, effective_ids=effective):
+        raise NotWritten(target, f"permission denied in {folder}; choose another folder")
 
 
 @contextlib.contextmanager
@@ -49,11 +108,7 @@ def replacing(target: Path) -> Iterator[Path]:
     NotWritten
         The system refuses; the message gives its reason.
     """
-    if target.is_dir():
-        raise NotWritten(target, "it is a folder; name a file")
-    if target.exists() and not target.is_file():
-        raise NotWritten(target, "it is a device; name a file")
-    place = Path(os.path.realpath(target)) if target.is_symlink() else target
+    place = check_place(target)
     temporary = place.with_name(f".{place.name}.{os.getpid()}.part")
     try:
         yield temporary

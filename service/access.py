@@ -14,6 +14,7 @@ from typing import Any
 import pyarrow.flight as flight
 
 from raymap.errors import RayMapError
+from raymap.givenfile import given_bytes, given_text
 from raymap.protocol import TOKEN_HEADER, TOKEN_VARIABLE, encode_error
 from service.rights import EVERYTHING, Grant
 from service.tokens import TokenFile, digest_of
@@ -48,10 +49,7 @@ class Tls:
         """
         parts = []
         for path in (certificate, key):
-            try:
-                parts.append(path.read_bytes())
-            except OSError as error:
-                raise RayMapError(f"{path} cannot be read: {error.strerror}") from None
+            parts.append(given_bytes(path, "PEM file"))
             if b"-----BEGIN" not in parts[-1]:
                 raise RayMapError(f"{path} is no PEM file: TLS takes certificate and key as PEM")
         return cls(*parts)
@@ -144,10 +142,7 @@ def choose_token(file: Path | None, *, invent: bool = True) -> str | None:
     place = TOKEN_VARIABLE
     if file is not None:
         place = str(file)
-        try:
-            token = file.read_text(encoding="utf-8").strip()
-        except (OSError, UnicodeDecodeError) as error:
-            raise RayMapError(f"the token file {file} cannot be read: {error}") from None
+        token = given_text(file, "token file").strip()
     elif not token:
         return secrets.token_urlsafe(24) if invent else None
     if len(token) < LEAST_TOKEN or not token.isascii() or not token.isprintable():

@@ -19,8 +19,9 @@ from pathlib import Path
 from typing import Any
 
 from raymap.errors import RayMapError
+from raymap.givenfile import check_given, not_readable
 from raymap.locking import try_lock
-from raymap.replacing import replacing
+from raymap.replacing import check_place, replacing
 from service.rights import Grant, read_rights
 
 __all__ = ["TokenFile", "default_token_file", "digest_of"]
@@ -106,6 +107,7 @@ class TokenFile:
         RayMapError
             There is none of this name.
         """
+        self.check()
         with self._changing() as rows:
             kept = [row for row in rows if row["name"] != name]
             if len(kept) == len(rows):
@@ -120,6 +122,7 @@ class TokenFile:
         ------
         RayMapError
         """
+        self.check()
         return [
             {key: value for key, value in row.items() if key != "sha256"} for row in self._read()
         ]
@@ -127,6 +130,8 @@ class TokenFile:
     @contextmanager
     def _changing(self) -> Iterator[list[dict[str, Any]]]:
         """The rows, written when the block ends; one command at a time."""
+        if os.path.lexists(self.path.parent):
+            check_place(self.path)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
             handle = os.open(self.path.with_name(f".{self.path.name}.lock"), os.O_CREAT, 0o600)
@@ -192,12 +197,13 @@ class TokenFile:
 
     def _read(self) -> list[dict[str, Any]]:
         """The rows of the file, each of them checked."""
+        check_given(self.path, "file of tokens")
         try:
             with self.path.open("rb") as stream:
                 mode = os.fstat(stream.fileno()).st_mode
                 text = stream.read(_MOST_BYTES + 1)
         except OSError as error:
-            raise RayMapError(f"{self.path} cannot be read: {error.strerror}") from None
+            raise RayMapError(not_readable(self.path, "file of tokens", error)) from None
         if mode & 0o077:
             raise RayMapError(
                 f"{self.path} is open to other users of this machine: chmod 600 {self.path}"

@@ -9,7 +9,6 @@ import typer
 
 from raymap.cli import Json, Panel, emit_json, warnings_on_stderr
 from raymap.doubt import FOOTNOTE, MARK, is_doubtful, marked
-from raymap.errors import SceneError
 
 if TYPE_CHECKING:
     from tracer.results import Progress, RecordResult
@@ -79,12 +78,15 @@ def record(
     """Trace a scene and record every light path."""
     from contextlib import nullcontext
 
+    from tracer.recording import check_target, refuse_scene_file
     from tracer.recording import record as record_scene
 
     if output is None and not no_rays:
         raise typer.BadParameter("name the map to write with -o MAP", param_hint="--output")
-    if output is not None and output.exists() and scene.exists() and output.samefile(scene):
-        raise SceneError(f"{output} is the scene file: name another file for the map")
+    if output is not None:
+        refuse_scene_file(scene, output)
+        if scheduler is None and not append:
+            check_target(output, force=force)
     loaded = _load(scene, variant, simulation)
     if scheduler is not None:
         from raymap.cluster import scheduler_executor

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from raymap.errors import RayMapError
 from raymap.extras import require
-from raymap.replacing import replacing
+from raymap.replacing import check_place, replacing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,7 +34,7 @@ def check_figure(path: Path) -> None:
 
     if path.suffix[1:].lower() not in FigureCanvasBase.get_supported_filetypes():
         raise RayMapError(f"plots end in .png, .pdf or .svg, not {path.name!r}")
-    _check_folder(path)
+    check_place(path)
 
 
 def check_picture(path: Path) -> None:
@@ -52,12 +52,7 @@ def check_picture(path: Path) -> None:
 
     if Image.registered_extensions().get(path.suffix.lower()) not in Image.SAVE:
         raise RayMapError(f"pictures end in .png, .tiff or .jpg, not {path.name!r}")
-    _check_folder(path)
-
-
-def _check_folder(path: Path) -> None:
-    if not path.parent.is_dir():
-        raise RayMapError(f"there is no folder {path.parent} to write {path.name} into")
+    check_place(path)
 
 
 def save_figure(figure: Figure, path: Path, *, dpi: int = 140) -> None:

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from raymap.errors import SceneError
+from raymap.givenfile import check_given
 
 __all__ = ["READERS", "IntensityGrid", "Opening", "RayList", "read_light"]
 
@@ -313,8 +314,7 @@ def read_light(
     if place is None:
         known = ", ".join(READERS) or "none"
         raise SceneError(f"no reader for {path.name!r}; files may end in {known}")
-    if not path.is_file():
-        raise SceneError(f"there is no file {str(path)!r}; paths start from the scene's folder")
+    check_given(path, "file", SceneError)
     module, _, function = place.partition(":")
     reader: Reader = getattr(import_module(module), function)
     options = {} if flux_from == "header" else {"flux_from": flux_from}

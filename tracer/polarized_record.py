@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from raymap.errors import SceneError
 from raymap.portion import Descriptors, Portion
+from raymap.replacing import refuse_existing
 from raymap.schema import PORTION_RAYS
 from raymap.writer import RayMapWriter
 from tracer.engine.polarized import (
@@ -229,6 +230,8 @@ def record_polarized(
     ------
     SceneError, MapExists, SceneMismatch
     """
+    if path is not None and not append:
+        refuse_existing(Path(path), force=force)
     compilation = compilation_of(scene)
     if rays < 1:
         raise SceneError(f"rays must be at least 1, not {rays}")

@@ -17,9 +17,10 @@ import numpy as np
 from raymap.cells import is_pinhole
 from raymap.cluster import shares_memory
 from raymap.encoder import EncodedPortion, PortionEncoder
-from raymap.errors import MapExists, RayMapError, SceneError
+from raymap.errors import MapExists, SceneError
 from raymap.portion import Portion
 from raymap.reader import NO_RAYS
+from raymap.replacing import check_place
 from raymap.schema import PORTION_RAYS, PORTION_RECORDS
 from raymap.writer import RayMapWriter
 from tracer.counted_map import write_counts
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
     from tracer.crystals.scene_language import CrystalCompilation, CrystalWavefront
     from tracer.engine.pinhole import Pinholes
 
-__all__ = ["StoppedLight", "record", "run_into"]
+__all__ = ["StoppedLight", "check_target", "record", "refuse_scene_file", "run_into"]
 
 DEFAULT_RAYS = 1_000_000
 DEFAULT_SEED = 1
@@ -102,7 +103,7 @@ def record(
         rays = DEFAULT_RAYS
     here = executor is None or shares_memory(executor)
     if path is not None and here and not append:
-        _check_target(Path(path), force=force)
+        check_target(Path(path), force=force)
     count = threads or os.cpu_count() or 1
     if isinstance(compilation, Compilation):
         encoder = PortionEncoder(compilation.directory, raw=raw, compact=compact)
@@ -145,6 +146,17 @@ def record(
         return run.go(executor)
 
 
+def refuse_scene_file(scene: Path, output: Path) -> None:
+    """Refuse to write a map over the scene that it is recorded from.
+
+    Raises
+    ------
+    SceneError
+    """
+    if os.path.exists(output) and os.path.exists(scene) and os.path.samefile(output, scene):
+        raise SceneError(f"{output} is the scene file: name another file for the map")
+
+
 def run_into(
     compilation: Compilation | CrystalCompilation,
     writer: RayMapWriter,
@@ -181,20 +193,19 @@ def _engine(
     return compilation.wavefront(seed)
 
 
-def _check_target(path: Path, *, force: bool) -> None:
+def check_target(path: Path, *, force: bool) -> None:
     """Refuse a map that cannot be created before anything is compiled for it.
 
     Raises
     ------
-    MapExists, RayMapError
+    MapExists, NotWritten
     """
+    check_place(path)
     if path.exists() and not force:
         raise MapExists(
             f"{str(path)!r} exists and stays as it is; continue it with --append, write over it "
             "with --force, or choose another name"
         )
-    if not path.parent.is_dir():
-        raise RayMapError(f"{path} cannot be created: there is no folder {str(path.parent)!r}")
 
 
 def _writer(

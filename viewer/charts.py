@@ -15,7 +15,7 @@ from query.readings import reading_lines, readings
 from raymap import RayMap
 from raymap.errors import RayMapError
 from raymap.extras import require
-from raymap.replacing import replacing
+from raymap.replacing import check_place, replacing
 from viewer.falsecolor import COLORMAPS, apply_colormap
 
 if TYPE_CHECKING:
@@ -81,6 +81,7 @@ def chart(
     target = Path(out)
     if target.suffix[1:].lower() not in _KINDS:
         raise RayMapError(f"charts end in .png, .pdf or .svg, not {target.name!r}")
+    check_place(target)
     if colors not in COLORMAPS:
         raise RayMapError(f"no colour map {colors!r}; there are {', '.join(COLORMAPS)}")
     if (high is not None and high <= (low or 0.0)) or (low is not None and low < 0.0):

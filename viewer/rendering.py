@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from raymap.errors import RayMapError
 from raymap.extras import require
-from raymap.replacing import replacing
+from raymap.replacing import check_place, replacing
 from viewer.camera import STANDARD_VIEWS, UPWARD
 from viewer.scene import load_bodies
 from viewer.state import COLOR_RULES, Upward, ViewState
@@ -114,6 +114,8 @@ def picture(
         raise RayMapError(f"no view {view!r}; there are {', '.join(STANDARD_VIEWS)}")
     if up is not None and up not in UPWARD:
         raise RayMapError(f"no axis {up!r}; y, z or x points upward")
+    if out is not None:
+        check_place(Path(out))
     _pillow()
     base = state or ViewState()
     if color is not None:

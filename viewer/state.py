@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 from raymap.errors import RayMapError
+from raymap.givenfile import given_bytes
 from raymap.replacing import replacing
 
 __all__ = [
@@ -349,12 +350,9 @@ def load_state(path: str | Path) -> ViewState:
     StateError
         There is no such file, or it is no session.
     """
+    text = given_bytes(path, "saved session", StateError, largest=_MAX_BYTES)
     try:
-        with open(path, "rb") as file:
-            text = file.read(_MAX_BYTES + 1)
-        values = json.loads(text) if len(text) <= _MAX_BYTES else None
-    except OSError as error:
-        raise StateError(f"saved session {str(path)!r}: {error.strerror}") from None
+        values = json.loads(text)
     except ValueError:
         raise StateError(f"saved session {str(path)!r} is not JSON") from None
     return state_from_json(values)

@@ -10,6 +10,7 @@ import typer
 
 from raymap.cli import Force, Json, emit_json
 from raymap.errors import RayMapError
+from raymap.givenfile import given_text
 
 __all__ = ["import_"]
 
@@ -59,8 +60,8 @@ def _read_names(path: Path | None) -> dict[str, str]:
     if path is None:
         return {}
     try:
-        table: Any = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        table: Any = tomllib.loads(given_text(path, "file of names"))
+    except tomllib.TOMLDecodeError as error:
         raise RayMapError(f"{path}: names cannot be read: {error}") from None
     table = table.get("names", table)
     if not all(isinstance(value, str) and value for value in table.values()):

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.errors import RayMapError
+from raymap.givenfile import check_given, not_readable
 
 __all__ = ["FATAL", "SEGMENT", "Trees", "ZrdError", "ZrdFile"]
 
@@ -83,11 +84,12 @@ class ZrdFile:
 
     def __init__(self, path: Path) -> None:
         self.path, self.name = path, path.name
+        check_given(path, "ray database", ZrdError)
         try:
-            data = np.memmap(path, np.uint8, mode="r") if path.stat().st_size else None
+            data = np.memmap(path, np.uint8, mode="r")
         except OSError as error:
-            raise ZrdError(f"{path} cannot be read: {error.strerror or error}") from None
-        if data is None or len(data) < 8:
+            raise ZrdError(not_readable(path, "ray database", error)) from None
+        if len(data) < 8:
             raise ZrdError(f"{self.name}: is too short for a Zemax ray database")
         first, most = struct.unpack("<ii", bytes(data[:8]))
         kind, self.version = divmod(first, 10_000)

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
+from raymap.givenfile import check_given, not_readable
 from raymap.rayfiles import tm25, zemax
 from raymap.rayfiles.rays import FluxFrom, RayFileError, RaySet
 from raymap.replacing import refuse_existing, replacing
@@ -40,6 +41,7 @@ def read(path: str | os.PathLike[str], *, flux_from: FluxFrom = "header") -> Ray
         There is no such file, or it is no sound ray file.
     """
     path = Path(path)
+    check_given(path, "ray file", RayFileError)
     try:
         with path.open("rb") as file:
             start = file.read(4)
@@ -47,7 +49,7 @@ def read(path: str | os.PathLike[str], *, flux_from: FluxFrom = "header") -> Ray
             return tm25.read(path, flux_from)
         return zemax.read(path, flux_from)
     except OSError as error:
-        raise RayFileError(f"{path} cannot be read: {error.strerror or error}") from None
+        raise RayFileError(not_readable(path, "ray file", error)) from None
 
 
 @contextmanager
@@ -75,8 +77,6 @@ def create(
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise RayFileError(f"ray files end in {', '.join(SUFFIXES)}, not {path.name!r}")
-    if not path.parent.is_dir():
-        raise RayFileError(f"there is no folder {path.parent} to write {path.name} into")
     refuse_existing(path, force=force)
     with replacing(path) as beside, beside.open("wb") as file:
         writer: Any

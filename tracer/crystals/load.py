@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from raymap.errors import SceneError
+from raymap.givenfile import given_text
 from tracer.crystals.media import Crystal, calcite, rotation_between
 
 __all__ = [
@@ -120,7 +121,4 @@ def checked(kind: type[Description], tables: Any, source: str) -> Description:
 
 def read_text(path: Path) -> str:
     """The text of a scene file."""
-    try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise SceneError(f"scene {str(path)!r} cannot be read: {error}") from None
+    return given_text(path, "scene file", SceneError)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.errors import MissingExtra, SceneError
+from raymap.givenfile import check_given, given_bytes, not_readable
 from tracer.geometry.mesh import (
     MeshWarning,
     TriangleMesh,
@@ -27,6 +28,9 @@ FaceRule = Literal["one", "group", "color", "angle"]
 
 SUFFIXES = (".stl", ".obj", ".ply", ".off", ".gltf", ".glb")
 """Archives and XML (3MF, COLLADA, ZAE, …), which trimesh would unpack too, are left out."""
+
+_LARGEST_BYTES = 2 * 2**30
+"""Of a file that a mesh file names."""
 
 CROSSINGS_UP_TO = 300_000
 """Larger meshes are not searched for self-intersections when they are loaded."""
@@ -104,7 +108,8 @@ class _Beside:
 
     def get(self, name: str) -> bytes:
         """The bytes of a file beside the mesh file."""
-        return named_file(self.folder, name.strip()).read_bytes()
+        place = named_file(self.folder, name.strip())
+        return given_bytes(place, "file", SceneError, largest=_LARGEST_BYTES)
 
     __getitem__ = get
 
@@ -124,8 +129,10 @@ def _read(
             f"mesh {body!r}: reading {file.name} needs the package trimesh; "
             "pip install 'raymap[mesh]'"
         ) from error
-    if not file.is_file():
-        raise SceneError(f"mesh {body!r}: there is no file {file}")
+    try:
+        check_given(file, "mesh file", SceneError)
+    except SceneError as error:
+        raise SceneError(f"mesh {body!r}: {error}") from None
     if file.suffix.lower() in (".step", ".stp"):
         raise SceneError(
             f"mesh {body!r}: {file.name} holds solids, not triangles; name it in [cad_files]"
@@ -142,6 +149,8 @@ def _read(
         options |= {"split_objects": True, "split_groups": True}
     try:
         scene = trimesh.load_scene(file, **options)
+    except OSError as error:
+        raise SceneError(f"mesh {body!r}: {not_readable(file, 'mesh file', error)}") from None
     except Exception as error:  # a reader of foreign files may raise anything
         raise SceneError(
             f"mesh {body!r}: {file.name} cannot be read as a mesh ({error}); "

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from raymap.errors import SceneError
+from raymap.givenfile import check_given
 from tracer.importers.occt import occt
 from tracer.importers.prescription import ImportWarning
 from tracer.named_files import is_guarded
@@ -72,10 +73,8 @@ def read_step(path: str | Path) -> tuple[CadSolid, ...]:
         without OpenCASCADE
     """
     path = Path(path)
-    try:
-        status = path.stat()
-    except OSError:
-        raise SceneError(f"there is no CAD file {str(path)!r}; check the path") from None
+    check_given(path, "CAD file", SceneError)
+    status = path.stat()
     if status.st_size > LARGEST_BYTES:
         raise SceneError(f"{path.name}: is too large to read ({status.st_size:,} bytes)")
     if is_guarded():

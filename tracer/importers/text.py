@@ -5,11 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from raymap.errors import SceneError
+from raymap.givenfile import given_bytes
 from raymap.textfile import decode_text
 
 __all__ = ["read_text"]
-
-LARGEST_BYTES = 64 * 2**20
 
 
 def read_text(path: str | Path) -> str:
@@ -21,16 +20,7 @@ def read_text(path: str | Path) -> str:
         where there is no such file, it cannot be read, or it is no text
     """
     path = Path(path)
-    try:
-        size = path.stat().st_size
-        if size > LARGEST_BYTES:
-            raise SceneError(f"{path.name} is too large for a lens file ({size:,} bytes)")
-        raw = path.read_bytes()
-    except FileNotFoundError:
-        raise SceneError(f"there is no file {str(path)!r}; check the path") from None
-    except OSError as error:
-        raise SceneError(f"cannot read {str(path)!r}: {error.strerror or error}") from None
-    text = decode_text(raw)
+    text = decode_text(given_bytes(path, "lens file", SceneError))
     if "\0" in text:
         raise SceneError(f"{path.name} is not a text file")
     return text

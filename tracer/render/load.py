@@ -16,6 +16,7 @@ from pydantic import Field
 
 from raymap.colorimetry import decode_srgb
 from raymap.errors import MissingExtra, SceneError
+from raymap.givenfile import check_given
 from tracer.crystals.load import Model, Number, Vector, checked, read_text
 from tracer.crystals.scene_language import bodies_of, world_of
 from tracer.named_files import named_file
@@ -97,6 +98,7 @@ def _picture(path: Path) -> NDArray[np.float64]:
         raise MissingExtra(
             f"wall picture {str(path)!r} needs pillow: pip install 'raymap[view]'"
         ) from error
+    check_given(path, "picture", SceneError)
     try:
         with Image.open(path, formats=PICTURE_FORMATS) as image:
             pixels = np.asarray(image.convert("RGB"), np.float64) / 255.0

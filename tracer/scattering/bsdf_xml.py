@@ -20,6 +20,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.givenfile import given_bytes
 from tracer.scattering.measurement import MeasurementError, ScatterTable
 
 __all__ = ["read_bsdf_xml"]
@@ -47,12 +48,7 @@ def read_bsdf_xml(path: Path, thickness_mm: float, *, error: float) -> list[Scat
     holds no scattering and is left out with a warning. Values averaged over the visible are taken
     before those over the sunlight or the infrared.
     """
-    try:
-        raw = path.read_bytes()
-    except OSError as failure:
-        raise MeasurementError(f"cannot read {path}: {failure}") from None
-    if len(raw) > _LARGEST:
-        raise MeasurementError(f"{path.name}: larger than {_LARGEST >> 20} MiB")
+    raw = given_bytes(path, "BSDF file", MeasurementError, largest=_LARGEST)
     try:
         # Old systems close a text with Ctrl-Z, some programs with NUL bytes
         parser = ElementTree.XMLParser(target=_Plain())

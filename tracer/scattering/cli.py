@@ -10,6 +10,7 @@ import typer
 from raymap.cli import Json, Panel, emit_json
 from raymap.doubt import FOOTNOTE, marked, with_doubts
 from raymap.extras import require
+from raymap.replacing import check_folder
 
 if TYPE_CHECKING:
     from tracer.scattering.fit_material import MaterialFit
@@ -59,6 +60,7 @@ def fit_scattering(
 
     if output is not None:
         require("matplotlib")
+        check_folder(output)
     measurement, settings = load_measurement(data)
     if gamma is not None:
         settings = settings.model_copy(update={"gamma": gamma})
@@ -216,6 +218,7 @@ def goniophotometer(
 
     if output is not None:
         require("matplotlib")
+        check_folder(output)
     face = gaussian_tilt(rms_slope)
     media = load_media(material, medium, wavelength or [550.0])
     lights = [

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from raymap.givenfile import given_text
 from tracer.scattering.bsdf_xml import read_bsdf_xml
 from tracer.scattering.measurement import (
     FluxTable,
@@ -86,9 +87,9 @@ def load_measurement(path: Path | str) -> tuple[MaterialMeasurement, FitSettings
     """
     where = Path(path)
     try:
-        data = _DataFile.model_validate(tomllib.loads(where.read_text(encoding="utf-8")))
-    except (OSError, UnicodeDecodeError) as error:
-        raise MeasurementError(f"cannot read {where}: {error}") from None
+        data = _DataFile.model_validate(
+            tomllib.loads(given_text(where, "measurement file", MeasurementError))
+        )
     except tomllib.TOMLDecodeError as error:
         raise MeasurementError(f"{where.name}: not a TOML file: {error}") from None
     except ValidationError as error:

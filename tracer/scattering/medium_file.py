@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from raymap.errors import SceneError
+from raymap.givenfile import given_text
 from tracer.scattering.medium import ScatteringMedium
 from tracer.scene.media import refractive_index
 from tracer.scene.model import RGB_NM, MediumModel
@@ -31,9 +32,9 @@ def load_media(
     wavelengths_nm : where it is wanted [nm]
     """
     try:
-        tables = tomllib.loads(path.read_text(encoding="utf-8")).get("media", {})
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise SceneError(f"cannot read {path}: {error}") from None
+        tables = tomllib.loads(given_text(path, "material file", SceneError)).get("media", {})
+    except tomllib.TOMLDecodeError as error:
+        raise SceneError(f"{path}: not a TOML file: {error}") from None
     scattering = [key for key, table in tables.items() if "scattering" in table]
     chosen = name or (scattering[0] if scattering else "")
     if chosen not in scattering:

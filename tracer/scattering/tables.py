@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.givenfile import given_text
 from tracer.scattering.measurement import FluxTable, MeasurementError, ScatterTable
 
 __all__ = ["read_flux_csv", "read_scatter_astm", "read_scatter_csv"]
@@ -221,7 +222,4 @@ def _numbers(path: Path, line: int, fields: list[str], expected: int) -> list[fl
 
 
 def _lines(path: Path) -> list[str]:
-    try:
-        return path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise MeasurementError(f"cannot read {path}: {error}") from None
+    return given_text(path, "table", MeasurementError).splitlines()

@@ -12,6 +12,7 @@ from typing import Any, TypeVar, get_args
 from pydantic import BaseModel, ValidationError
 
 from raymap.errors import SceneError
+from raymap.givenfile import given_text
 from tracer.crystals.rhomb_body import RhombBody
 from tracer.geometry.bodies import BODIES
 from tracer.geometry.body import Body
@@ -108,19 +109,7 @@ def load_scene(
                 f"{path.name}: has no light and no detectors; write a scene file that takes it: "
                 f"{OTHER_FILES[path.suffix.lower()]}"
             )
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise SceneError(f"there is no scene file {str(path)!r}; check the path") from None
-    except IsADirectoryError:
-        raise SceneError(f"{str(path)!r} is a folder; name the scene file in it") from None
-    except UnicodeDecodeError as error:
-        raise SceneError(
-            f"{str(path)!r} is not a scene file: no text in UTF-8 (byte {error.start}: "
-            f"{error.reason})"
-        ) from None
-    except OSError as error:
-        raise SceneError(f"cannot read the scene file {str(path)!r}: {error}") from None
+    text = given_text(path, "scene file", SceneError)
     return parse_scene(
         text, variants=variants, simulation=simulation, origin=path.name, folder=path.parent
     )

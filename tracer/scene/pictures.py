@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from raymap.colorimetry import decode_srgb
 from raymap.errors import MissingExtra, SceneError
+from raymap.givenfile import check_given
 from tracer.named_files import named_file
 
 __all__ = ["PICTURE_FORMATS", "read_picture"]
@@ -33,8 +34,7 @@ def read_picture(folder: str | Path, file: str) -> Array:
         where the package that reads the format is not installed
     """
     path = named_file(folder, file)
-    if not path.is_file():
-        raise SceneError(f"there is no picture {str(path)!r}; paths start from the scene's folder")
+    check_given(path, "picture", SceneError)
     pixels = _read(path)
     if pixels.ndim == 2:
         pixels = np.repeat(pixels[:, :, None], 3, axis=2)

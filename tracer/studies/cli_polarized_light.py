@@ -112,7 +112,9 @@ def record_polarized(
     from tracer.lens.record import record_lens_trees
     from tracer.polarized_record import Polarization
     from tracer.polarized_record import record_polarized as record
+    from tracer.recording import refuse_scene_file
 
+    refuse_scene_file(scene, output)
     result: dict[str, object]
     if lens_trees is not None:
         _refuse_with_trees(

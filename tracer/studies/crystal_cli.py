@@ -9,7 +9,8 @@ from typing import Annotated, Any
 import typer
 
 from raymap.cli import Json, Panel, emit_json
-from raymap.errors import RayMapError
+from raymap.errors import RayMapError, SceneError
+from raymap.replacing import check_folder, check_place
 
 __all__ = ["register"]
 
@@ -50,6 +51,10 @@ def verify_crystals(
     from tracer.studies.crystal_verification import SCENES, find_model, verify_crystals
     from tracer.studies.crystal_verification import as_json as plain
 
+    if pictures is not None:
+        check_folder(pictures)
+    if scenes is not None and not scenes.is_dir():
+        raise SceneError(f"there is no folder {str(scenes)!r} of configuration files")
     chosen = tuple(only) if only else ("numeric", *SCENES)
     # Another's model is checked by numbers; the scenes run on Raymap's own tracing
     if model and not only:
@@ -107,13 +112,13 @@ def render(
 
     from rich.progress import Progress
 
-    from raymap.errors import SceneError
     from tracer.render.load import load_render_scene
     from tracer.render.renderer import render as render_scene
     from tracer.studies.calcite_box import resized
 
     if output.suffix.lower() not in (".png", ".exr"):
         raise SceneError(f"picture {str(output)!r}: write .png or .exr")
+    check_place(output)
     description = load_render_scene(scene)
     if width is not None:
         if width < 1:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.errors import RayMapError
-from raymap.replacing import replacing
+from raymap.replacing import check_place, replacing
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.model import Scene
 
@@ -30,6 +30,7 @@ def draw_section(scene: Scene, path: str | Path) -> None:
     """
     if Path(path).suffix.lower() != ".svg":
         raise RayMapError(f"a section drawing ends in .svg, not {Path(path).name!r}")
+    check_place(Path(path))
     text = section_svg(compile_scene(scene))
     with replacing(Path(path)) as beside:
         beside.write_text(text, encoding="utf-8")

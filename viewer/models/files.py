@@ -65,8 +65,6 @@ def export_3d(
         raise RayMapError(f"no colour rule {color!r}; there are {', '.join(COLOR_RULES)}")
     if group not in get_args(Grouping):
         raise RayMapError(f"rays are grouped by source, path or none, not {group!r}")
-    if not target.parent.is_dir():
-        raise RayMapError(f"there is no folder {target.parent} to write {target.name} into")
     refuse_existing(target, force=force)
     content = gather(
         map,

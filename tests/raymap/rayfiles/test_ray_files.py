@@ -410,5 +410,5 @@ def test_refused_before_anything_is_written(tmp_path: Path) -> None:
     with pytest.raises(RayFileError, match="radiant flux only"):
         rayfiles.write(some_rays(flux_unit="lm", wavelength_nm=nm), tmp_path / "x.tm25ray")
     assert sorted(each.name for each in tmp_path.iterdir()) == ["rays.sdf"]
-    with pytest.raises(RayFileError, match="cannot be read"):
+    with pytest.raises(RayFileError, match="there is no ray file"):
         rayfiles.read(tmp_path / "none.sdf")

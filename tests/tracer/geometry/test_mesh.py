@@ -180,7 +180,7 @@ def test_self_intersections_are_a_counted_warning(tmp_path: Path) -> None:
 
 
 def test_bad_files_are_refused_in_one_line(tmp_path: Path) -> None:
-    with pytest.raises(SceneError, match="there is no file"):
+    with pytest.raises(SceneError, match="there is no mesh file"):
         load_mesh(tmp_path / "none.stl")
     broken = tmp_path / "broken.ply"
     broken.write_text("not a mesh")

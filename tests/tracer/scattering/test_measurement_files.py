@@ -79,7 +79,7 @@ def test_bad_files_are_named(tmp_path: Path) -> None:
     (tmp_path / "bad.toml").write_text("name = [")
     with pytest.raises(MeasurementError, match="not a TOML"):
         load_measurement(tmp_path / "bad.toml")
-    with pytest.raises(MeasurementError, match="cannot read"):
+    with pytest.raises(MeasurementError, match="there is no measurement file"):
         load_measurement(tmp_path / "nothing.toml")
     (tmp_path / "none.csv").write_text("wavelength_nm,incidence_deg\n550,0\n")
     (tmp_path / "data.toml").write_text('name="x"\n[[plate]]\nthickness=1\nflux="none.csv"\n')
