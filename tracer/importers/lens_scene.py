@@ -274,7 +274,7 @@ class ImportedLens:
 
     def sources(self) -> dict[str, Any]:
         """A source that fills the pupil on the axis, and one for each other field."""
-        tables = {}
+        tables: dict[str, Any] = {}
         axis = self.bundles.light_of(self.bundles.axis)
         if axis:
             on_axis = [lit for lit in self.bundles.lit if lit.origin == self.bundles.axis]
