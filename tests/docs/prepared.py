@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -72,8 +73,6 @@ def step_part(folder: Path, run: Run) -> None:
 
 
 def cluster(folder: Path, run: Run) -> None:
-    (folder / "lens").mkdir()
-    shutil.copy(folder / "lens.raymap", folder / "lens" / "part.raymap")
     text = (ROOT / "samples/double_gauss.toml").read_text(encoding="utf-8")
     (folder / "lens.toml").write_text(text, encoding="utf-8")
 
@@ -123,6 +122,16 @@ def luminaire(folder: Path, run: Run) -> None:
     (folder / "luminaire.toml").write_text(scene, encoding="utf-8")
 
 
+def material(folder: Path, run: Run) -> None:
+    """The material file of the page, its tables filled in."""
+    page = (ROOT / "docs/scattering.md").read_text(encoding="utf-8")
+    [text] = [b for b in re.findall(r"```toml\n(.*?)```", page, re.S) if b.startswith("[media.")]
+    (folder / "fitted").mkdir()
+    filled = text.replace("[430, …]", "[430, 700]").replace("[0.033, …]", "[0.033, 0.02]")
+    filled = filled.replace("[3.1, …]", "[3.1, 2.8]")
+    (folder / "fitted" / "opal_B.material.toml").write_text(filled, encoding="utf-8")
+
+
 PREPARE: dict[str, Callable[[Path, Run], None]] = {
     "docs/cad.md": step_part,
     "docs/cluster.md": cluster,
@@ -131,6 +140,7 @@ PREPARE: dict[str, Callable[[Path, Run], None]] = {
     "docs/photometry.md": lamp,
     "docs/polarization.md": plate,
     "docs/ray_files.md": keyboard,
+    "docs/scattering.md": material,
     "docs/scenes.md": luminaire,
     "docs/viewer.md": lamp,
 }
