@@ -491,6 +491,7 @@ def scenes_reaching_out(server: Server, tries: int) -> tuple[int, int]:
 def _recording(server: Server, name: str) -> tuple[threading.Thread, list[Any]]:
     """A client that records for ever, and what it was told in the end."""
     said: list[Any] = []
+    (server.folder / name).unlink(missing_ok=True)
 
     def record() -> None:
         try:
