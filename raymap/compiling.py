@@ -15,8 +15,8 @@ import pickle
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,6 +25,7 @@ import numba
 from numba import types
 from numba.extending import intrinsic
 
+from raymap.collecting import no_collecting
 from raymap.rooms import trusted_path
 
 __all__ = ["Task", "address_of", "call_at", "compile_ahead", "task"]
@@ -112,7 +113,7 @@ def compile_ahead(tasks: Sequence[Task], *, processes: int) -> None:
         return
     folder = Path(kept)
     left = [item for item in tasks if not (folder / item.mark).exists()]
-    with _no_collecting():
+    with no_collecting():
         if len(left) > 1 and min(processes, os.cpu_count() or 1) > 1 and _is_python():
             with tempfile.TemporaryDirectory() as claims:
                 _share(left, claims)
@@ -120,18 +121,6 @@ def compile_ahead(tasks: Sequence[Task], *, processes: int) -> None:
             item.compile()
             with suppress(OSError):
                 (folder / item.mark).touch()
-
-
-@contextmanager
-def _no_collecting() -> Iterator[None]:
-    """Let no garbage be looked for among the millions of objects that compilers make."""
-    collecting = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if collecting:
-            gc.enable()
 
 
 def _is_python() -> bool:

@@ -13,6 +13,7 @@ from raymap.chunks import Chunk, MapFile
 from raymap.directory import Directory
 from raymap.errors import FormatError
 from raymap.layout import DETECTOR
+from raymap.pathstreams import check_amounts
 from raymap.scratch import lazy_zeros
 from raymap.streams import StreamSet
 
@@ -99,7 +100,7 @@ def _arrays(
     n_cells, n_channels = shape[0] * shape[1], shape[2]
     if all(entry.name != "cells" for entry in chunk.header.streams):
         n = n_cells * n_channels
-        first, second = (file.column(chunk, name, n, np.float64) for name in ("sums", "sums2"))
+        first, second = (_sums(file, chunk, name, n) for name in ("sums", "sums2"))
         return first.reshape(shape), second.reshape(shape)
     cells = file.column(chunk, "cells", None, np.int64)
     rising = np.all(np.diff(cells) > 0) and (not len(cells) or 0 <= cells[0] <= cells[-1] < n_cells)
@@ -109,9 +110,15 @@ def _arrays(
     whole = []
     for name in ("sums", "sums2"):
         array = lazy_zeros((n_cells, n_channels))
-        array[cells] = file.column(chunk, name, n, np.float64).reshape(-1, n_channels)
+        array[cells] = _sums(file, chunk, name, n).reshape(-1, n_channels)
         whole.append(array.reshape(shape))
     return whole[0], whole[1]
+
+
+def _sums(file: MapFile, chunk: Chunk, name: str, n: int) -> NDArray[np.float64]:
+    column: NDArray[np.float64] = file.column(chunk, name, n, np.float64)
+    check_amounts("sums of a detector", column)
+    return column
 
 
 def _rows(array: NDArray[np.float64], cells: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -21,6 +21,9 @@ __all__ = ["forget", "is_stamped", "stamp"]
 
 _ENDS = 2**16
 
+_KEPT = 4096
+"""Stamps in the folder, of 200 bytes each; beyond that the oldest quarter goes."""
+
 
 def stamp(path: Path) -> None:
     """Remember that a file was verified; silently not, where no folder can be written."""
@@ -32,6 +35,18 @@ def stamp(path: Path) -> None:
         beside = place.with_suffix(f".{os.getpid()}")
         beside.write_text(json.dumps(_facts(path)), encoding="utf-8")
         beside.replace(place)
+        _prune(place.parent)
+
+
+def _prune(folder: Path) -> None:
+    """Take the oldest stamps away where there are more than are kept."""
+    stamps = [each for each in os.scandir(folder) if each.is_file(follow_symlinks=False)]
+    if len(stamps) <= _KEPT:
+        return
+    stamps.sort(key=lambda each: each.stat(follow_symlinks=False).st_mtime_ns)
+    for each in stamps[: len(stamps) - _KEPT * 3 // 4]:
+        with contextlib.suppress(OSError):
+            os.unlink(each.path)
 
 
 def forget(path: Path) -> None:

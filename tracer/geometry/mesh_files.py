@@ -100,6 +100,10 @@ def load_mesh(
     return mesh
 
 
+_TRIANGLES_FLOOR, _TRIANGLES_PER_BYTE = 2**22, 16
+"""Triangles of any mesh file, and as many times its bytes."""
+
+
 class _Beside:
     """Files that a mesh file names (buffers, materials): named by the scene through it."""
 
@@ -162,6 +166,7 @@ def _read(
     made_up = {file.name, "geometry_0", ""}
     made_up |= {file.stem} if file.suffix.lower() in (".stl", ".ply") else set()
     first = 0
+    _check_count(scene, nodes, file, body)
     for node in nodes:
         transform, geometry_name = scene.graph[node]
         geometry = scene.geometry[geometry_name]
@@ -183,6 +188,18 @@ def _read(
         groups,
         np.concatenate(painted) if len(painted) == len(colors) else None,
     )
+
+
+def _check_count(scene: Any, nodes: list[Any], file: Path, body: str) -> None:
+    """Refuse more triangles than the file can pay for: nodes may place one mesh many times."""
+    shown = (scene.geometry[scene.graph[node][1]] for node in nodes)
+    total = sum(len(geometry.faces) for geometry in shown if hasattr(geometry, "faces"))
+    limit = max(_TRIANGLES_FLOOR, _TRIANGLES_PER_BYTE * file.stat().st_size)
+    if total > limit:
+        raise SceneError(
+            f"mesh {body!r}: {file.name} places {total} triangles; a file of its size may have "
+            f"{limit}"
+        )
 
 
 def _colors(geometry: Any) -> NDArray[np.uint8] | None:

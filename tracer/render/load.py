@@ -25,7 +25,7 @@ from tracer.render.renderer import RenderScene
 from tracer.render.room import WALLS, Room, checker_board, uniform
 from tracer.render.spectra import visible_wavelengths
 from tracer.scene.load import parse_scene
-from tracer.scene.pictures import PICTURE_FORMATS
+from tracer.scene.pictures import PICTURE_FORMATS, check_pixels
 from tracer.scene.supported import refuse_weighting
 
 __all__ = ["load_render_scene", "load_render_text"]
@@ -101,8 +101,11 @@ def _picture(path: Path) -> NDArray[np.float64]:
     check_given(path, "picture", SceneError)
     try:
         with Image.open(path, formats=PICTURE_FORMATS) as image:
+            check_pixels(path, image.width * image.height)
             pixels = np.asarray(image.convert("RGB"), np.float64) / 255.0
-    except OSError as error:
+    except SceneError:
+        raise
+    except Exception as error:  # readers of foreign files may raise anything
         raise SceneError(f"wall picture {str(path)!r} cannot be read: {error}") from None
     return decode_srgb(pixels)
 

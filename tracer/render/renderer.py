@@ -284,7 +284,7 @@ def _load_state(path: Path, work: _Work, fingerprint: str) -> set[tuple[int, int
             work.bound[...] = state["bound"]
             work.truncated[...] = state["truncated"]
             return {(int(x), int(y)) for x, y in state["done"]}
-    except (OSError, KeyError, ValueError):
+    except Exception:  # whatever is wrong with what was left: the tiles are rendered anew
         return set()
 
 

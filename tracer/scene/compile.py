@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.collecting import no_collecting
 from raymap.directory import (
     BoundingSphere,
     ChannelSet,
@@ -92,7 +93,8 @@ def compile_scene(scene: Scene) -> Compilation:
     SceneError
         names that nothing carries, impossible or overlapping bodies, no source
     """
-    return _Compiler(scene).compile()
+    with no_collecting():
+        return _Compiler(scene).compile()
 
 
 class _Compiler:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +14,15 @@ from raymap.errors import MissingExtra, SceneError
 from raymap.givenfile import check_given
 from tracer.named_files import named_file
 
-__all__ = ["PICTURE_FORMATS", "read_picture"]
+__all__ = ["PICTURE_FORMATS", "check_pixels", "read_picture"]
 
 Array = NDArray[np.float64]
 PICTURE_FORMATS = ("PNG", "JPEG", "BMP", "GIF", "TIFF", "WEBP", "PPM", "TGA", "JPEG2000")
 """Formats that are pixels alone; others (EPS, …) start programs that draw them."""
+
+
+_PIXELS_FLOOR, _PIXELS_PER_BYTE = 2**24, 64
+"""Pixels of any picture, and as many times the bytes of its file."""
 
 
 def read_picture(folder: str | Path, file: str) -> Array:
@@ -56,16 +61,19 @@ def _read(path: Path) -> NDArray[Any]:
     suffix = path.suffix.lower()
     try:
         if suffix == ".npy":
-            return np.asarray(np.load(path, allow_pickle=False))
+            # Mapped, an array cannot be larger than the file that claims to hold it
+            return np.array(np.lib.format.open_memmap(path, mode="r"))
         if suffix in (".tif", ".tiff"):
             import tifffile
 
             # Formats within TIFF whose pictures are spread over files that the first one names
             with tifffile.TiffFile(path, is_ome=False, is_mmstack=False, is_ndtiff=False) as tiff:
+                check_pixels(path, math.prod(tiff.series[0].shape))
                 return np.asarray(tiff.series[0].asarray())
         from PIL import Image
 
         with Image.open(path, formats=PICTURE_FORMATS) as image:
+            check_pixels(path, image.width * image.height)
             if image.mode not in ("L", "RGB", "RGBA", "I;16"):
                 return np.asarray(image.convert("RGB"))
             return np.asarray(image)
@@ -74,5 +82,22 @@ def _read(path: Path) -> NDArray[Any]:
             f"reading {path.name} needs the package {error.name} (pip install 'raymap[view]'); "
             ".npy files need nothing more"
         ) from None
-    except (OSError, ValueError) as error:
+    except SceneError:
+        raise
+    except Exception as error:  # readers of foreign files may raise anything
         raise SceneError(f"cannot read the picture {path.name}: {error}") from None
+
+
+def check_pixels(path: Path, n: int) -> None:
+    """Refuse a picture of more pixels (or values, in TIFF) than its file can pay for.
+
+    Raises
+    ------
+    SceneError
+    """
+    size = path.stat().st_size
+    limit = max(_PIXELS_FLOOR, _PIXELS_PER_BYTE * size)
+    if n > limit:
+        raise SceneError(
+            f"{path.name} claims {n} pixels in {size} bytes; a file of that size may have {limit}"
+        )
