@@ -22,8 +22,11 @@ import zstandard
 import query
 import raymap
 import raymap.reader
+from raymap import stamps
 from raymap.compilecache import fingerprint
+from raymap.description import run_of
 from raymap.layout import DIRECTORY, FOOTER, MAGIC, PATHS, PORTION, StreamEntry, pack_chunk_header
+from raymap.portionmeta import DESCRIPTOR_STREAMS
 from raymap.streams import WHOLE, ZSTD
 from raymap.verify import verify
 from tests.fuzz.fuzz_values import Seed, put_together
@@ -340,3 +343,51 @@ def test_changed_values_with_sound_checksums_crash_nothing(request):
     )
     assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]
     assert "'cases': 60" in done.stdout
+
+
+def test_stamps_are_bounded(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(stamps, "user_caches", lambda: tmp_path / "cache")
+    monkeypatch.setattr(stamps, "_KEPT", 8)
+    files = [tmp_path / f"{number}.raymap" for number in range(20)]
+    for file in files:
+        file.write_bytes(b"a map")
+        stamps.stamp(file)
+    kept = list((tmp_path / "cache" / "raymap" / "verified").iterdir())
+    assert 6 <= len(kept) <= 8
+    assert stamps.is_stamped(files[-1])
+    assert not stamps.is_stamped(files[0])
+
+
+def test_a_run_says_numbers_or_is_damage(tmp_path):
+    """JSON of a run whose values are of another kind: refused by the writer, damage when read."""
+    write_small(tmp_path / "a.raymap", n_portions=1, n_rays=5)
+    for wrong in ({"seed": 1.5}, {"parameters": 3}, {"first_portion": -1}, {"statistics": "x"}):
+        with pytest.raises(raymap.FormatError, match=next(iter(wrong))):
+            run_of({"seed": 1, "parameters": {}, "first_portion": 0, "first_ray": 0, **wrong})
+    assert run_of({"seed": "18446744073709551617"}) == {"seed": 2**64 + 1}
+
+
+def test_a_map_without_channels_is_refused_where_light_is_asked_for(tmp_path):
+    raymap.RayMapWriter.create(tmp_path / "a.raymap", small_directory()).finish()
+    with (
+        raymap.open(tmp_path / "a.raymap") as ray_map,
+        pytest.raises(raymap.RayMapError, match="nothing was recorded in it yet"),
+    ):
+        ray_map.photometry(0)
+
+
+def test_meetings_in_cells_that_do_not_exist_are_damage(tmp_path):
+    path = tmp_path / "a.raymap"
+    write_small(path, n_portions=1, n_rays=20)
+    seed = Seed("a", path)
+    [stream] = [s for p in seed.parts for s in p.streams if s.name == DESCRIPTOR_STREAMS[0]]
+    assert len(stream.values)
+    stream.values = stream.values.copy()
+    stream.values[0] = 7
+    path.write_bytes(put_together(seed.parts))
+    with raymap.open(path) as ray_map:
+        portion = ray_map.portions[0]
+        for read in (portion.descriptors, lambda: portion.column("cell")):
+            with pytest.raises(raymap.DamagedPortion, match="cell that its detector does not have"):
+                read()

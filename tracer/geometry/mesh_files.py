@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import warnings
 from pathlib import Path
@@ -104,6 +105,10 @@ _TRIANGLES_FLOOR, _TRIANGLES_PER_BYTE = 2**22, 16
 """Triangles of any mesh file, and as many times its bytes."""
 
 
+_ZEROS = 2**20
+"""Rows of a table of a glTF file that has no bytes."""
+
+
 class _Beside:
     """Files that a mesh file names (buffers, materials): named by the scene through it."""
 
@@ -146,6 +151,8 @@ def _read(
             f"mesh {body!r}: {file.name} is of a kind that is not read; files may end in "
             f"{', '.join(SUFFIXES)}"
         )
+    if file.suffix.lower() in (".glb", ".gltf"):
+        _check_accessors(file, body)
     # What trimesh logs of files that it cannot read stands in our error
     logging.getLogger("trimesh").addHandler(logging.NullHandler())
     options: dict[str, Any] = {"process": False, "resolver": _Beside(file.parent)}
@@ -188,6 +195,32 @@ def _read(
         groups,
         np.concatenate(painted) if len(painted) == len(colors) else None,
     )
+
+
+def _check_accessors(file: Path, body: str) -> None:
+    """Refuse a glTF whose tables claim more rows than their bytes can hold.
+
+    Tables without bytes are zeros, which trimesh makes before it looks at anything else.
+    """
+    data = file.read_bytes()
+    try:
+        if data[:4] == b"glTF":
+            length = int.from_bytes(data[12:16], "little")
+            data = data[20 : 20 + length]
+        described = json.loads(data)
+        views = [int(view.get("byteLength", 0)) for view in described.get("bufferViews", [])]
+        for accessor in described.get("accessors", []):
+            rows, place = int(accessor.get("count", 0)), accessor.get("bufferView")
+            limit = _ZEROS if place is None else views[place]
+            if rows > limit:
+                raise SceneError(
+                    f"mesh {body!r}: {file.name} claims a table of {rows} rows; its bytes hold at "
+                    f"most {limit}"
+                )
+    except (ValueError, TypeError, AttributeError, LookupError, RecursionError) as error:
+        raise SceneError(
+            f"mesh {body!r}: {file.name} cannot be read as a mesh (its glTF description: {error})"
+        ) from None
 
 
 def _check_count(scene: Any, nodes: list[Any], file: Path, body: str) -> None:

@@ -25,7 +25,7 @@ from tracer.render.renderer import RenderScene
 from tracer.render.room import WALLS, Room, checker_board, uniform
 from tracer.render.spectra import visible_wavelengths
 from tracer.scene.load import parse_scene
-from tracer.scene.pictures import PICTURE_FORMATS, check_pixels
+from tracer.scene.pictures import open_image
 from tracer.scene.supported import refuse_weighting
 
 __all__ = ["load_render_scene", "load_render_text"]
@@ -92,19 +92,16 @@ class PictureModel(Model):
 
 
 def _picture(path: Path) -> NDArray[np.float64]:
+    check_given(path, "picture", SceneError)
     try:
-        from PIL import Image
+        with open_image(path) as image:
+            pixels = np.asarray(image.convert("RGB"), np.float64) / 255.0
+    except SceneError:
+        raise
     except ImportError as error:
         raise MissingExtra(
             f"wall picture {str(path)!r} needs pillow: pip install 'raymap[view]'"
         ) from error
-    check_given(path, "picture", SceneError)
-    try:
-        with Image.open(path, formats=PICTURE_FORMATS) as image:
-            check_pixels(path, image.width * image.height)
-            pixels = np.asarray(image.convert("RGB"), np.float64) / 255.0
-    except SceneError:
-        raise
     except Exception as error:  # readers of foreign files may raise anything
         raise SceneError(f"wall picture {str(path)!r} cannot be read: {error}") from None
     return decode_srgb(pixels)

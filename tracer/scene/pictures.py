@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import warnings
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,10 @@ from raymap.errors import MissingExtra, SceneError
 from raymap.givenfile import check_given
 from tracer.named_files import named_file
 
-__all__ = ["PICTURE_FORMATS", "check_pixels", "read_picture"]
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+__all__ = ["check_pixels", "open_image", "read_picture"]
 
 Array = NDArray[np.float64]
 PICTURE_FORMATS = ("PNG", "JPEG", "BMP", "GIF", "TIFF", "WEBP", "PPM", "TGA", "JPEG2000")
@@ -70,10 +74,7 @@ def _read(path: Path) -> NDArray[Any]:
             with tifffile.TiffFile(path, is_ome=False, is_mmstack=False, is_ndtiff=False) as tiff:
                 check_pixels(path, math.prod(tiff.series[0].shape))
                 return np.asarray(tiff.series[0].asarray())
-        from PIL import Image
-
-        with Image.open(path, formats=PICTURE_FORMATS) as image:
-            check_pixels(path, image.width * image.height)
+        with open_image(path) as image:
             if image.mode not in ("L", "RGB", "RGBA", "I;16"):
                 return np.asarray(image.convert("RGB"))
             return np.asarray(image)
@@ -86,6 +87,30 @@ def _read(path: Path) -> NDArray[Any]:
         raise
     except Exception as error:  # readers of foreign files may raise anything
         raise SceneError(f"cannot read the picture {path.name}: {error}") from None
+
+
+def open_image(path: Path) -> Image:
+    """A picture of 8 or 16 bits, not decoded yet; close it.
+
+    Raises
+    ------
+    SceneError
+        It claims more pixels than its file can pay for.
+    ImportError, OSError
+        Pillow is not installed, or cannot read the file.
+    """
+    from PIL import Image as images
+
+    with warnings.catch_warnings():
+        # How many pixels are too many is said below
+        warnings.simplefilter("ignore", images.DecompressionBombWarning)
+        image = images.open(path, formats=PICTURE_FORMATS)
+    try:
+        check_pixels(path, image.width * image.height)
+    except SceneError:
+        image.close()
+        raise
+    return image
 
 
 def check_pixels(path: Path, n: int) -> None:

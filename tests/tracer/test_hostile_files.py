@@ -1,0 +1,134 @@
+"""Small files that claim to be large: one clear line before anything is allocated for it."""
+
+from __future__ import annotations
+
+import json
+import struct
+import tracemalloc
+import zlib
+
+import numpy as np
+import pytest
+
+from raymap.errors import SceneError
+from tracer.geometry.mesh_files import load_mesh
+from tracer.scene.pictures import read_picture
+
+_MOST = 100 * 2**20
+
+
+def _png(width, height):
+    """A PNG of one colour; rows are packed as they would lie in it."""
+
+    def chunk(tag, data):
+        return struct.pack(">I", len(data)) + tag + data + struct.pack(">I", zlib.crc32(tag + data))
+
+    rows = zlib.compress(bytes(min((width + 1) * height, 2**22)), 9)
+    head = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+
+
+def _npy(shape, kind):
+    head = f"{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}".encode()
+    head += b" " * (63 - (len(head) + 10) % 64) + b"\n"
+    return b"\x93NUMPY\1\0" + struct.pack("<H", len(head)) + head + bytes(100)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("a.png", _png(100_000, 100_000), "10000000000 pixels"),
+        ("a.png", _png(13_000, 13_000), "claims 169000000 pixels"),
+        ("a.npy", _npy("(1000000000000,)", "<f8"), "cannot read the picture a.npy"),
+        ("a.npy", _npy("(1000000, 1000000)", "<f4"), "cannot read the picture a.npy"),
+        ("a.npy", _npy("(10, 10)", "|O"), "cannot read the picture a.npy"),
+        ("a.npy", _npy("(-1, 10)", "<f8"), "cannot read the picture a.npy"),
+        ("a.hdr", b"#?RADIANCE\n\n-Y 100000 +X 100000\n" + bytes(99), "cannot read the picture"),
+        ("a.exr", b"\x76\x2f\x31\x01" + bytes(999), "cannot read the picture"),
+    ],
+)
+def test_a_picture_pays_for_its_pixels(tmp_path, name, content, words):
+    pytest.importorskip("PIL")
+    (tmp_path / name).write_bytes(content)
+    tracemalloc.start()
+    with pytest.raises(SceneError, match=words) as found:
+        read_picture(tmp_path, name)
+    assert tracemalloc.get_traced_memory()[1] < _MOST
+    tracemalloc.stop()
+    assert "\n" not in str(found.value)
+
+
+def test_an_honest_picture_of_one_colour_is_read(tmp_path):
+    pytest.importorskip("PIL")
+    (tmp_path / "a.png").write_bytes(_png(1000, 1000))
+    assert read_picture(tmp_path, "a.png").shape == (1000, 1000, 3)
+
+
+def _gltf(count, nodes, view):
+    triangles = 100
+    vertices = np.zeros((3 * triangles, 3), "<f4")
+    vertices[:, 0] = np.arange(len(vertices))
+    corners = np.arange(3 * triangles, dtype="<u4")
+    data = vertices.tobytes() + corners.tobytes()
+    place = {"bufferView": 0} if view else {}
+    text = json.dumps(
+        {
+            "asset": {"version": "2.0"},
+            "scene": 0,
+            "scenes": [{"nodes": list(range(nodes))}],
+            "nodes": [{"mesh": 0, "name": f"n{k}"} for k in range(nodes)],
+            "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+            "buffers": [{"byteLength": len(data)}],
+            "bufferViews": [
+                {"buffer": 0, "byteOffset": 0, "byteLength": vertices.nbytes},
+                {"buffer": 0, "byteOffset": vertices.nbytes, "byteLength": corners.nbytes},
+            ],
+            "accessors": [
+                {**place, "componentType": 5126, "count": count, "type": "VEC3"},
+                {"bufferView": 1, "componentType": 5125, "count": len(corners), "type": "SCALAR"},
+            ],
+        }
+    ).encode()
+    text += b" " * (-len(text) % 4)
+    head = struct.pack("<II", 2, 28 + len(text) + len(data))
+    begin = b"glTF" + head + struct.pack("<I4s", len(text), b"JSON") + text
+    return begin + struct.pack("<I4s", len(data), b"BIN\0") + data
+
+
+_PLY = (
+    b"ply\nformat %s 1.0\nelement vertex 1000000000\nproperty float x\nproperty float y\n"
+    b"property float z\nelement face 1000000000\nproperty list uchar int vertex_indices\n"
+    b"end_header\n0 0 0\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 1000000000\n"),
+        ("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 -1000000000\n"),
+        ("a.ply", _PLY % b"binary_little_endian"),
+        ("a.ply", _PLY % b"ascii"),
+        ("a.stl", bytes(80) + struct.pack("<I", 10**9) + bytes(100)),
+        ("a.glb", _gltf(10**9, 1, False)),
+        ("a.glb", _gltf(10**9, 1, True)),
+    ],
+)
+def test_a_mesh_pays_for_its_triangles(tmp_path, name, content):
+    pytest.importorskip("trimesh")
+    (tmp_path / name).write_bytes(content)
+    tracemalloc.start()
+    with pytest.raises(SceneError) as found:
+        load_mesh(tmp_path / name)
+    assert tracemalloc.get_traced_memory()[1] < 3 * _MOST
+    tracemalloc.stop()
+    assert name in str(found.value) or "'a'" in str(found.value)
+
+
+def test_nodes_that_place_a_mesh_many_times_pay_for_it(tmp_path, monkeypatch):
+    pytest.importorskip("trimesh")
+    monkeypatch.setattr("tracer.geometry.mesh_files._TRIANGLES_FLOOR", 1000)
+    monkeypatch.setattr("tracer.geometry.mesh_files._TRIANGLES_PER_BYTE", 0)
+    (tmp_path / "a.glb").write_bytes(_gltf(300, 11, True))
+    with pytest.raises(SceneError, match=r"a\.glb places 1100 triangles"):
+        load_mesh(tmp_path / "a.glb")
