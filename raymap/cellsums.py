@@ -34,9 +34,9 @@ class DetectorSums:
         """Add what every detector registered in a portion."""
         if portion.channel_set not in self._begun:
             self._begin(portion)
-        if not portion.n_descriptors:
-            return
         meetings = portion.descriptors()
+        if not meetings.registered.any():
+            return
         records = np.repeat(np.arange(portion.n_records), portion.column("descriptor_count"))
         weights, colors = portion.column("weight"), portion.column("color")
         offsets = portion.record_offsets()
