@@ -157,6 +157,7 @@ async def fuzz(running: RunningServer, messages: int, seed: int) -> tuple[int, i
     """
     rng = random.Random(seed)
     sent = painted = closed = 0
+    due = 100
     async with aiohttp.ClientSession() as session:
         async with session.get(running.url) as page:
             cookie = page.headers["Set-Cookie"].partition(";")[0]
@@ -168,13 +169,12 @@ async def fuzz(running: RunningServer, messages: int, seed: int) -> tuple[int, i
                         await client.raw(_message(rng, sent))
                     except ConnectionError:
                         client.ended = True
-                    if sent % 100 and not client.ended:
+                    if sent < due or client.ended:
                         continue
-                    try:
+                    # A socket that is closed meanwhile leaves it to the next one
+                    with contextlib.suppress(Closed):
                         await _paint(client)
-                        painted += 1
-                    except Closed:
-                        break
+                        painted, due = painted + 1, sent + 100
                 closed += client.ended
         async with _page(session, running, cookie) as client:
             await _paint(client)

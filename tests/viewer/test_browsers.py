@@ -133,7 +133,7 @@ def test_random_messages_wedge_no_session(map_path: Path) -> None:
 
     async def script(running: RunningServer) -> None:
         painted, _ = await fuzz(running, 400, seed=2)
-        assert painted >= 2
+        assert painted >= 1
         assert all(len(item["text"]) < 600 for item in running.server.state.messages)
 
     run(map_path, script)
