@@ -20,6 +20,7 @@ from raymap.replacing import NotWritten, refuse_existing, replacing
 from raymap.rows import take_rays
 from raymap.schema import COLOR_SCALE, NORMAL_SCALE, UV_SCALE
 from raymap.selection import places_in
+from raymap.stored import StoredPortion
 
 __all__ = ["batches", "export", "schema_of"]
 
@@ -180,7 +181,7 @@ def batches(
             if places is not None:
                 ids = ids[places]
                 portion = take_rays(portion, places, ids)
-            faces = names.faces_of(portion)
+            faces = names.faces_of(stored, portion)
         except DamagedPortion:
             if ray_map.on_damage == "raise":
                 raise
@@ -211,12 +212,12 @@ class _Names:
         codes = pa.array(np.maximum(indices, 0).astype(np.int32), mask=indices < 0)
         return pa.DictionaryArray.from_arrays(codes, self._values[kind])
 
-    def faces_of(self, portion: Portion) -> NDArray[np.int32]:
-        """Face index of each record."""
+    def faces_of(self, stored: StoredPortion, portion: Portion) -> NDArray[np.int32]:
+        """Face index of each record of some rays of a stored portion."""
         from raymap.itineraries import assign_faces
 
         faces = np.empty(portion.n_records, np.int32)
-        assign_faces(
+        bad = assign_faces(
             portion.object,
             portion.triangle,
             self.table.first_face,
@@ -224,6 +225,9 @@ class _Names:
             self.table.primitive_count,
             faces,
         )
+        if bad >= 0:
+            # What follows that record was not filled
+            raise stored.map.report_damage(stored.index, "primitives do not fit the faces")
         return faces
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -142,6 +143,15 @@ class PortionGeometry(PortionStreams):
         return codes, triangles, offsets
 
     def _column_position(self) -> NDArray[np.float32]:
+        position = self._positions()
+        # The sum tells at a hundredth of the cost of decoding, unless it overflows by itself
+        with np.errstate(over="ignore", invalid="ignore"):
+            total = float(position.sum())
+        if not math.isfinite(total) and not np.isfinite(position).all():
+            raise self._damaged("a position is not finite")
+        return position
+
+    def _positions(self) -> NDArray[np.float32]:
         encodings = self._index.meta.encodings
         solve_faces = bool(encodings & Encoding.SOLVED_FACES)
         solve_sphere = bool(encodings & Encoding.SOLVED_SPHERE)

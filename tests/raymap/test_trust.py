@@ -391,3 +391,27 @@ def test_meetings_in_cells_that_do_not_exist_are_damage(tmp_path):
         for read in (portion.descriptors, lambda: portion.column("cell")):
             with pytest.raises(raymap.DamagedPortion, match="cell that its detector does not have"):
                 read()
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_positions_that_are_no_places_are_damage(tmp_path, value):
+    path = tmp_path / "a.raymap"
+    write_small(path, n_portions=1, n_rays=20)
+    seed = Seed("a", path)
+    [stream] = [s for p in seed.parts for s in p.streams if s.name == "position.y"]
+    stream.values = stream.values.copy()
+    stream.values[3] = value
+    path.write_bytes(put_together(seed.parts))
+    with raymap.open(path) as ray_map, pytest.raises(raymap.DamagedPortion, match="not finite"):
+        ray_map.portions[0].column("position")
+
+
+def test_positions_whose_sum_overflows_are_read(tmp_path):
+    path = tmp_path / "a.raymap"
+    write_small(path, n_portions=1, n_rays=20)
+    seed = Seed("a", path)
+    [stream] = [s for p in seed.parts for s in p.streams if s.name == "position.y"]
+    stream.values = np.full_like(stream.values, 3e38)
+    path.write_bytes(put_together(seed.parts))
+    with raymap.open(path) as ray_map:
+        assert (ray_map.portions[0].column("position")[:, 1] == np.float32(3e38)).all()
