@@ -57,7 +57,7 @@ def _never(node: b.BoundNode, scan: Scan) -> str | None:
     if isinstance(node, b.BoundRecorded) and not node.stored:
         return (
             f"{node.text}: this map has no column {node.column!r}; "
-            "raymap record-polarized writes it"
+            "a scene with [trace] light = 'polarised' writes it"
         )
     if isinstance(node, b.BoundCount | b.BoundBounces) and _below_zero(node):
         return f"{node.text}: a count is a whole number from 0 upward"

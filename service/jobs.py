@@ -149,7 +149,7 @@ def _compile(arguments: dict[str, Any], mirror: SceneMirror) -> Any:
     """Read, check and compile the scene, by the compiler of its kind."""
     from tracer.importers.expand import SCENE_SUFFIXES
     from tracer.named_files import reading_through
-    from tracer.scene.compile import compile_scene
+    from tracer.run.traces import trace_of
     from tracer.scene.load import OTHER_FILES, load_scene, parse_scene
 
     with reading_through(mirror):
@@ -164,11 +164,7 @@ def _compile(arguments: dict[str, Any], mirror: SceneMirror) -> Any:
                 # Whatever else it is called, it is read as TOML
                 text = _read(copy, name)
                 scene = parse_scene(text, origin=copy.name, folder=copy.parent, **options)
-        if scene.has_crystals:
-            from tracer.crystals.scene_language import compile_crystals
-
-            return compile_crystals(scene)
-        return compile_scene(scene)
+        return trace_of(scene)
 
 
 def _read(path: Path, name: str) -> str:

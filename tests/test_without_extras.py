@@ -43,7 +43,6 @@ looks = [0, 0, -1]
 WORDS: dict[str, list[str]] = {
     "record": ["scene.toml", "-o", "new.raymap", "--rays", "10"],
     "check": ["scene.toml", "-o", "section.svg"],
-    "record-polarized": ["scene.toml", "-o", "polarised.raymap", "--rays", "10"],
     "faces": ["part.step"],
     "query": ["a.raymap", "event(left)", "--count"],
     "paths": ["a.raymap"],
@@ -78,7 +77,7 @@ WORDS: dict[str, list[str]] = {
     "goniophotometer": ["material", "--thickness", "1", "-o", "plate", "--rays", "100"],
 }
 
-LONG = ("record-polarized", "render", "verify-crystals")
+LONG = ("render", "verify-crystals")
 """Commands that compile for long: left to the slow tests."""
 
 DRAWN = {

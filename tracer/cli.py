@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import signal
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -76,8 +79,6 @@ def record(
     json: Json = False,
 ) -> None:
     """Trace a scene and record every light path."""
-    from contextlib import nullcontext
-
     from tracer.recording import check_target, refuse_scene_file
     from tracer.recording import record as record_scene
 
@@ -90,8 +91,13 @@ def record(
     loaded = _load(scene, variant, simulation)
     if scheduler is not None:
         from raymap.cluster import scheduler_executor
-    workers = nullcontext() if scheduler is None else scheduler_executor(scheduler)
-    with warnings_on_stderr(), _Display(quiet=json) as display, workers as executor:
+    workers = contextlib.nullcontext() if scheduler is None else scheduler_executor(scheduler)
+    with (
+        _stopped_by_sigterm(),
+        warnings_on_stderr(),
+        _Display(quiet=json) as display,
+        workers as executor,
+    ):
         result = record_scene(
             loaded,
             output,
@@ -113,6 +119,20 @@ def record(
         _print_result(result, output)
     if result.interrupted:
         raise typer.Exit(130)
+
+
+@contextlib.contextmanager
+def _stopped_by_sigterm() -> Iterator[None]:
+    """Take SIGTERM as Ctrl-C: what is under way is finished, and the map closed."""
+
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _load(path: Path, variants: list[str] | None, simulation: str | None) -> Scene:

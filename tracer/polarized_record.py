@@ -13,25 +13,20 @@ The map has what any map has, weights, and two further columns:
 
 from __future__ import annotations
 
-import os
-import threading
-import time
-import warnings
-from collections import deque
 from collections.abc import Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.directory import ChannelSet, Directory, DisplayMesh
+from raymap.encoder import PortionEncoder
 from raymap.errors import SceneError
 from raymap.portion import Descriptors, Portion
 from raymap.replacing import refuse_existing
 from raymap.schema import PORTION_RAYS
-from raymap.writer import RayMapWriter
 from tracer.engine.polarized import (
     PolarizedColumns,
     RayColumns,
@@ -40,7 +35,8 @@ from tracer.engine.polarized import (
 )
 from tracer.engine.wavefront import Wavefront
 from tracer.geometry.kinds import MESH
-from tracer.results import RecordResult, StoppedLight, stopped_notes
+from tracer.recording import record
+from tracer.results import RecordResult, depth_limit
 from tracer.scene.arrays import F_KIND, F_OBJECT, F_TRIANGLE
 from tracer.scene.compilations import compilation_of
 from tracer.scene.compile import Compilation
@@ -51,9 +47,14 @@ from tracer.scene.supported import (
     refuse_polarising_faces,
     refuse_weighting,
 )
-from tracer.tally import Tally
 
-__all__ = ["Polarization", "PolarizedWavefront", "record_polarized"]
+__all__ = [
+    "Polarization",
+    "PolarizedTrace",
+    "PolarizedWavefront",
+    "polarized_trace",
+    "record_polarized",
+]
 
 Vector = tuple[float, float, float]
 
@@ -81,6 +82,16 @@ class Polarization:
     sources: Mapping[str, Vector] = field(default_factory=dict)
     polarisers: Mapping[str, tuple[Vector, float]] = field(default_factory=dict)
     phases: bool = False
+
+    @classmethod
+    def of(cls, scene: Scene) -> Polarization:
+        """What the scene's table ``[trace]`` says of polarised light."""
+        given = scene.trace
+        return cls(
+            states=given.states,
+            polarisers={name: (axis, 0.0) for name, axis in given.polarisers.items()},
+            phases=given.phases,
+        )
 
     def special_faces(self, compilation: Compilation) -> SpecialFaces:
         """Look all names up.
@@ -162,10 +173,17 @@ class PolarizedWavefront:
         self.polarization = polarization
         self.special = polarization.special_faces(compilation)
         self.engine = Wavefront(compilation.arrays, seed, meshes=compilation.solids, exact=True)
-        self._local = threading.local()
 
-    def trace(self, first_ray: int, n_rays: int) -> Portion:
-        """Trace the rays ``first_ray`` to ``first_ray + n_rays`` with their polarisation."""
+    def trace_counted(self, first_ray: int, n_rays: int) -> tuple[Portion, int]:
+        """As `trace`, with the number of its records."""
+        portion = self.trace(first_ray, n_rays)
+        return portion, portion.n_records
+
+    def trace(self, first_ray: int, n_rays: int, *, reuse: bool = False) -> Portion:
+        """Trace the rays ``first_ray`` to ``first_ray + n_rays`` with their polarisation.
+
+        ``reuse`` changes nothing.
+        """
         portion = self.engine.trace(first_ray, n_rays)
         n = portion.n_records
         phases = self.polarization.phases
@@ -205,97 +223,84 @@ class PolarizedWavefront:
         return _shortened(whole, out.kept)
 
 
+@dataclass(frozen=True, eq=False)
+class PolarizedTrace:
+    """A compiled scene in polarised light; attributes as of `tracer.run.trace.Trace`."""
+
+    compilation: Compilation
+    polarization: Polarization
+
+    fan: ClassVar[int] = 1
+    most_rays: ClassVar[int] = PORTION_RAYS // 4
+
+    @property
+    def scene(self) -> Scene:
+        return self.compilation.scene
+
+    @property
+    def directory(self) -> Directory:
+        return self.compilation.directory
+
+    @property
+    def channel_set(self) -> ChannelSet:
+        return self.compilation.channel_set
+
+    @property
+    def meshes(self) -> Mapping[int, DisplayMesh]:
+        return self.compilation.meshes
+
+    @property
+    def limit(self) -> tuple[str, str]:
+        return depth_limit(self.scene.limits.depth)
+
+    @property
+    def parameters(self) -> Mapping[str, Any]:
+        return {"polarised": True, "states": self.polarization.states}
+
+    def prepared(self, encoder: PortionEncoder | None, threads: int) -> PolarizedTrace:
+        refuse_pinholes(self.compilation, "the polarised one")
+        check_sources(self.compilation, engine=self.engine(1).engine)
+        return self
+
+    def engine(self, seed: int) -> PolarizedWavefront:
+        return PolarizedWavefront(self.compilation, seed, self.polarization)
+
+    def pinholes(self) -> None:
+        return None
+
+
+def polarized_trace(scene: Scene | Compilation) -> PolarizedTrace:
+    """The trace of a scene with ``[trace] light = "polarised"``."""
+    compilation = compilation_of(scene)
+    return PolarizedTrace(compilation, Polarization.of(compilation.scene))
+
+
 def record_polarized(
     scene: str | Path | Scene | Compilation,
     path: str | Path | None,
     *,
     polarization: Polarization | None = None,
     rays: int = 100_000,
-    seed: int = 1,
-    threads: int | None = None,
-    append: bool = False,
-    force: bool = False,
-    portion_rays: int = PORTION_RAYS // 4,
+    **options: Any,
 ) -> RecordResult:
-    """Trace a scene with polarised light and record every path; no map where ``path`` is None.
+    """Record a scene with polarised light, whatever its ``[trace]`` says of it.
 
     Parameters
     ----------
     scene : a scene file, a `Scene`, or a compilation
-    path : of the map
-    polarization : what is polarised; by default nothing but what interfaces do
-    rays, seed, threads, append, force, portion_rays : as in `tracer.recording.record`
+    path : of the map; without one only detectors count
+    polarization : what is polarised; by default what the scene says
+    rays, options : as of `tracer.recording.record`
 
     Raises
     ------
-    SceneError, MapExists, SceneMismatch
+    SceneError, MapExists, MapLocked, SceneMismatch
     """
     if path is not None and not append:
         refuse_existing(Path(path), force=force)
     compilation = compilation_of(scene)
-    if rays < 1:
-        raise SceneError(f"rays must be at least 1, not {rays}")
-    refuse_pinholes(compilation, "the polarised one")
-    options = polarization or Polarization()
-    engine = PolarizedWavefront(compilation, seed, options)
-    check_sources(compilation, engine=engine.engine)
-    tally = Tally(compilation.directory, compilation.channel_set)
-    count = threads or os.cpu_count() or 1
-    writer = None if path is None else _writer(Path(path), compilation, append, force)
-    began = time.perf_counter()
-    try:
-        channel_set = writer.add_channel_set(compilation.channel_set) if writer else 0
-        first = writer.next_ray if writer else 0
-        if writer:
-            writer.start_run(seed=seed, parameters={"polarised": True, "states": options.states})
-        pending: deque[Future[Portion]] = deque()
-        starts = list(range(first, first + rays, portion_rays))
-        with ThreadPoolExecutor(count) as pool:
-            while starts or pending:
-                while starts and len(pending) < 2 * count:
-                    start = starts.pop(0)
-                    n = min(portion_rays, first + rays - start)
-                    pending.append(pool.submit(engine.trace, start, n))
-                portion = replace(pending.popleft().result(), channel_set=channel_set)
-                tally.add(portion)
-                if writer:
-                    writer.append(portion)
-        if writer:
-            for number in range(len(compilation.directory.detectors)):
-                sums, sums2 = tally.detector_sums(number)
-                writer.add_detector_result(number, sums, sums2, channel_set=channel_set)
-            writer.finish({"rays": tally.rays, "audit": tally.audit()})
-    except BaseException:
-        if writer:
-            writer.close()
-        raise
-    elapsed = time.perf_counter() - began
-    counts = tally.counts()
-    notes = stopped_notes(
-        tally.share("stopped"), tally.share("errors"), compilation.scene.limits.depth
-    )
-    for note in notes:
-        warnings.warn(note, StoppedLight, stacklevel=2)
-    return RecordResult(
-        rays=tally.rays,
-        records=tally.records,
-        seconds=elapsed,
-        rays_per_second=tally.rays / elapsed if elapsed > 0.0 else 0.0,
-        bytes=writer.bytes_written if writer else 0,
-        threads=count,
-        seed=seed,
-        audit=tally.audit(),
-        absorbed_by=tally.absorbed_by(),
-        fluxes=counts.fluxes(),
-        warnings=notes,
-        counts=counts,
-    )
-
-
-def _writer(path: Path, compilation: Compilation, append: bool, force: bool) -> RayMapWriter:
-    if append and path.exists():
-        return RayMapWriter.append_to(path, compilation.directory)
-    return RayMapWriter.create(path, compilation.directory, meshes=compilation.meshes, force=force)
+    trace = PolarizedTrace(compilation, polarization or Polarization.of(compilation.scene))
+    return record(trace, path, rays=rays, no_rays=path is None, **options)
 
 
 def _direction(axis: Vector, name: str) -> NDArray[np.float64]:

@@ -10,35 +10,27 @@ from collections.abc import Callable
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from raymap.cells import is_pinhole
 from raymap.cluster import shares_memory
 from raymap.encoder import EncodedPortion, PortionEncoder
 from raymap.errors import MapExists, SceneError
 from raymap.portion import Portion
 from raymap.reader import NO_RAYS
 from raymap.replacing import check_place
-from raymap.schema import PORTION_RAYS, PORTION_RECORDS
+from raymap.schema import PORTION_RECORDS
 from raymap.writer import RayMapWriter
 from tracer.counted_map import write_counts
 from tracer.counts import Counts
-from tracer.engine.wavefront import Wavefront
 from tracer.pieces import copied, split_portion
-from tracer.rehearsal import compile_trace, order_faces
 from tracer.results import Progress, RecordResult, StoppedLight, stopped_notes
-from tracer.scene.compile import Compilation, compile_scene
-from tracer.scene.load import load_scene
+from tracer.run.trace import Trace
+from tracer.run.traces import trace_of
+from tracer.scene.compile import Compilation
 from tracer.scene.model import Scene
-from tracer.scene.source_check import check_sources
-from tracer.scene.supported import refuse_pinholes, warn_of_polarised_sources
 from tracer.tally import Tally
-
-if TYPE_CHECKING:
-    from tracer.crystals.scene_language import CrystalCompilation, CrystalWavefront
-    from tracer.engine.pinhole import Pinholes
 
 __all__ = ["StoppedLight", "check_target", "record", "refuse_scene_file", "run_into"]
 
@@ -48,7 +40,7 @@ _PILOT_RAYS = 1024
 
 
 def record(
-    scene: str | Path | Scene | Compilation,
+    scene: str | Path | Scene | Compilation | Trace,
     path: str | Path | None = None,
     *,
     rays: int | None = None,
@@ -69,7 +61,7 @@ def record(
 
     Parameters
     ----------
-    scene : a scene file, a `Scene`, or the result of `compile_scene`
+    scene : a scene file, a `Scene`, the result of `compile_scene`, or a trace of any light
     path : of the map; it may be None with ``no_rays``
     rays, seconds : when to stop; a million rays where neither is given
     threads : worker threads, all processors by default
@@ -90,7 +82,7 @@ def record(
     ------
     SceneError, MapExists, MapLocked, SceneMismatch
     """
-    compilation = _compiled(scene)
+    trace = trace_of(scene)
     if path is None and not no_rays:
         raise SceneError("name the map to write (or ask for detector results only with no_rays)")
     if no_rays and append:
@@ -105,43 +97,33 @@ def record(
     if path is not None and here and not append:
         check_target(Path(path), force=force)
     count = threads or os.cpu_count() or 1
-    if isinstance(compilation, Compilation):
-        encoder = PortionEncoder(compilation.directory, raw=raw, compact=compact)
-        compile_trace(compilation, None if no_rays else encoder, count)
-        check_sources(compilation)
-        warn_of_polarised_sources(compilation)
-        compilation = order_faces(compilation)
-        if compilation.arrays.rare is not None:
-            refuse_pinholes(compilation, "the weighted one")
+    encoder = None if no_rays else PortionEncoder(trace.directory, raw=raw, compact=compact)
+    trace = trace.prepared(encoder, count)
     if executor is not None and not here:
         if no_rays or path is None:
             raise SceneError("detector results only (no_rays) need an executor of this process")
-        if not isinstance(compilation, Compilation):
-            raise SceneError("scenes with crystals are traced in this process: drop the executor")
         from tracer.sharding import record_shards
 
         return record_shards(
-            compilation, path, executor, rays=rays, seconds=seconds, seed=seed, append=append,
+            trace, path, executor, rays=rays, seconds=seconds, seed=seed, append=append,
             force=force, raw=raw, compact=compact, portion_rays=portion_rays, progress=progress,
             cancel=cancel,
         )  # fmt: skip
     if path is None:
-        run = _Run(compilation, None, rays, seconds, seed, count, portion_rays, progress)
+        run = _Run(trace, None, rays, seconds, seed, count, portion_rays, progress)
         run.cancel = cancel
         return run.go(executor)
-    with _writer(
-        Path(path), compilation, append=append, force=force, raw=raw, compact=compact
-    ) as writer:
+    with _writer(Path(path), trace, append=append, force=force, raw=raw, compact=compact) as writer:
         if no_rays:
-            run = _Run(compilation, None, rays, seconds, seed, count, portion_rays, progress)
+            run = _Run(trace, None, rays, seconds, seed, count, portion_rays, progress)
             run.cancel = cancel
             result = run.go(executor)
             statistics = _statistics(result.rays, result.seconds, result.audit, result.interrupted)
             write_counts(
-                writer, compilation.channel_set, result.counts, seed=run.seed, statistics=statistics
+                writer, trace.channel_set, result.counts, seed=run.seed, statistics=statistics
             )
             return replace(result, bytes=writer.bytes_written)
-        run = _Run(compilation, writer, rays, seconds, seed, count, portion_rays, progress)
+        run = _Run(trace, writer, rays, seconds, seed, count, portion_rays, progress)
         run.cancel = cancel
         return run.go(executor)
 
@@ -158,7 +140,7 @@ def refuse_scene_file(scene: Path, output: Path) -> None:
 
 
 def run_into(
-    compilation: Compilation | CrystalCompilation,
+    trace: Trace,
     writer: RayMapWriter,
     *,
     rays: int,
@@ -167,30 +149,7 @@ def run_into(
     portion_rays: int | None,
 ) -> RecordResult:
     """Trace the rays from the writer's next one on, on one thread (a shard of a larger trace)."""
-    return _Run(compilation, writer, rays, seconds, seed, 1, portion_rays, None).go(None)
-
-
-def _compiled(
-    scene: str | Path | Scene | Compilation | CrystalCompilation,
-) -> Compilation | CrystalCompilation:
-    if isinstance(scene, str | Path):
-        scene = load_scene(scene)
-    if not isinstance(scene, Scene):
-        return scene
-    if scene.has_crystals:
-        from tracer.crystals.scene_language import compile_crystals
-
-        return compile_crystals(scene)
-    return compile_scene(scene)
-
-
-def _engine(
-    compilation: Compilation | CrystalCompilation, seed: int
-) -> Wavefront | CrystalWavefront:
-    """What traces portions of the scene."""
-    if isinstance(compilation, Compilation):
-        return Wavefront(compilation.arrays, seed, meshes=compilation.solids, weighted=True)
-    return compilation.wavefront(seed)
+    return _Run(trace, writer, rays, seconds, seed, 1, portion_rays, None).go(None)
 
 
 def check_target(path: Path, *, force: bool) -> None:
@@ -210,7 +169,7 @@ def check_target(path: Path, *, force: bool) -> None:
 
 def _writer(
     path: Path,
-    compilation: Compilation | CrystalCompilation,
+    trace: Trace,
     *,
     append: bool,
     force: bool,
@@ -219,7 +178,7 @@ def _writer(
 ) -> RayMapWriter:
     if append and path.exists():
         writer = RayMapWriter.append_to(
-            path, compilation.directory, raw=raw, compact=compact, trusted=True
+            path, trace.directory, raw=raw, compact=compact, trusted=True
         )
         if any((run.get("parameters") or {}).get(NO_RAYS) for run in writer.runs):
             writer.close()
@@ -229,8 +188,8 @@ def _writer(
         return writer
     return RayMapWriter.create(
         path,
-        compilation.directory,
-        meshes=compilation.meshes,
+        trace.directory,
+        meshes=trace.meshes,
         force=force,
         raw=raw,
         compact=compact,
@@ -245,7 +204,7 @@ class _Run:
 
     def __init__(
         self,
-        compilation: Compilation | CrystalCompilation,
+        trace: Trace,
         writer: RayMapWriter | None,
         rays: int | None,
         seconds: float | None,
@@ -254,20 +213,20 @@ class _Run:
         portion_rays: int | None,
         progress: Callable[[Progress], None] | None,
     ) -> None:
-        self.compilation = compilation
+        self.trace = trace
         self.writer = writer
         self.rays, self.seconds = rays, seconds
         self.threads = threads
         self.progress = progress
         self.seed = self._seed(seed)
-        self.engine = _engine(compilation, self.seed)
-        self.tally = Tally(compilation.directory, compilation.channel_set)
-        self.pinholes = _pinholes(compilation)
-        self.channel_set = writer.add_channel_set(compilation.channel_set) if writer else 0
+        self.engine = trace.engine(self.seed)
+        self.tally = Tally(trace.directory, trace.channel_set)
+        self.pinholes = trace.pinholes()
+        self.channel_set = writer.add_channel_set(trace.channel_set) if writer else 0
         fitting = self._fitting_rays()
         self.portion_rays = portion_rays or fitting
         # Where rays split, emission e has the ray numbers from e times fan on
-        self.first_ray = -(-writer.next_ray // self.engine.fan) if writer else 0
+        self.first_ray = -(-writer.next_ray // trace.fan) if writer else 0
 
     def _seed(self, seed: int | None) -> int:
         if seed is not None:
@@ -278,18 +237,24 @@ class _Run:
 
     def _fitting_rays(self) -> int:
         """Rays whose records surely fit a portion, judged by a few rays traced for it."""
-        rays = max(64, _PILOT_RAYS // self.engine.fan)
+        splits = self.trace.fan > 1
+        rays = max(64, _PILOT_RAYS // self.trace.fan)
         pilot = self.engine.trace(0, rays, reuse=True)
         if self.writer:
             self.writer.encode(self._traced(0, rays), 0)
         fitting = 0.8 * PORTION_RECORDS * rays / pilot.n_records
-        return max(1 if self.engine.splits else 64, min(PORTION_RAYS, 1 << int(np.log2(fitting))))
+        most = min(self.trace.most_rays, 1 << int(np.log2(fitting)))
+        return max(1 if splits else 64, most)
 
     def go(self, executor: Executor | None) -> RecordResult:
         if self.writer:
             self.writer.start_run(
                 seed=self.seed,
-                parameters={"threads": self.threads, "portion_rays": self.portion_rays},
+                parameters={
+                    "threads": self.threads,
+                    "portion_rays": self.portion_rays,
+                    **self.trace.parameters,
+                },
             )
         began = time.perf_counter()
         interrupted = False
@@ -302,7 +267,7 @@ class _Run:
         notes = self._notes()
         counts = self._counts()
         if self.writer:
-            for k in range(len(self.compilation.directory.detectors)):
+            for k in range(len(self.trace.directory.detectors)):
                 sums, sums2 = counts.stored_sums(k)
                 self.writer.add_detector_result(
                     k, sums, sums2, channel_set=self.channel_set, owned=True
@@ -381,7 +346,7 @@ class _Run:
 
     def _portion(self, first: int, n: int, number: int) -> EncodedPortion | list[Portion] | None:
         """Trace and encode one portion (worker thread)."""
-        if self.writer is None and not self.pinholes and isinstance(self.engine, Wavefront):
+        if self.writer is None and not self.pinholes:
             self.tally.add(*self.engine.trace_counted(first, n))
             return None
         portion = self._traced(first, n)
@@ -396,11 +361,7 @@ class _Run:
         return self.writer.encode(portion, number)
 
     def _traced(self, first: int, n: int) -> Portion:
-        return replace(
-            self.engine.trace(first, n, reuse=True),
-            channel_set=self.channel_set,
-            implied_normals=True,
-        )
+        return replace(self.engine.trace(first, n, reuse=True), channel_set=self.channel_set)
 
     def _commit(self, result: EncodedPortion | list[Portion] | None, first: int, n: int) -> int:
         """Write what a worker made; by how many later numbers shift."""
@@ -436,7 +397,7 @@ class _Run:
         return stopped_notes(
             self.tally.share("stopped"),
             self.tally.share("errors"),
-            self.compilation.scene.limits.depth,
+            *self.trace.limit,
         )
 
 
@@ -445,13 +406,3 @@ def _statistics(
 ) -> dict[str, Any]:
     """What a map tells of a run that ended."""
     return {"rays": rays, "seconds": seconds, "audit": audit, "interrupted": interrupted}
-
-
-def _pinholes(compilation: Compilation | CrystalCompilation) -> Pinholes | None:
-    """What sums up the pictures of pinholes; None where there are none."""
-    found = any(is_pinhole(item) for item in compilation.directory.detectors)
-    if not found or not isinstance(compilation, Compilation):
-        return None
-    from tracer.engine.pinhole import Pinholes
-
-    return Pinholes(compilation)

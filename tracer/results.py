@@ -7,30 +7,33 @@ from typing import Any
 
 from tracer.counts import Counts, DetectorCount
 
-__all__ = ["Progress", "RecordResult", "StoppedLight", "stopped_notes"]
+__all__ = ["Progress", "RecordResult", "StoppedLight", "depth_limit", "stopped_notes"]
 
 STOPPED_SHARE = 1e-4
-"""A larger share of light stopped by the depth limit is warned about."""
+"""A larger share of light stopped by a limit is warned about."""
 
 
 class StoppedLight(UserWarning):
-    """The depth limit stopped more light than can be neglected."""
+    """A limit stopped more light than can be neglected."""
 
 
-def stopped_notes(stopped: float, errors: float, depth: int) -> list[str]:
+def depth_limit(depth: int) -> tuple[str, str]:
+    """The limit that ``[limits] depth`` sets, and the remedy, in words."""
+    return f"the depth limit of {depth}", "raise limits.depth"
+
+
+def stopped_notes(stopped: float, errors: float, limit: str, remedy: str) -> list[str]:
     """What is said of light that did not end by physics, a line each.
 
     Parameters
     ----------
-    stopped, errors : shares of all light that the depth limit stopped, and that met faces in a
+    stopped, errors : shares of all light that a limit stopped, and that met faces in a
         wrong order
-    depth : the limit
+    limit, remedy : what stopped it, and what to do
     """
     notes = []
     if stopped > STOPPED_SHARE:
-        notes.append(
-            f"the depth limit of {depth} stopped {stopped:.3%} of the light; raise limits.depth"
-        )
+        notes.append(f"{limit} stopped {stopped:.3%} of the light; {remedy}")
     if errors > 0.0:
         notes.append(
             f"{errors:.3%} of the light met faces in a wrong order (geometry errors); bodies "

@@ -14,10 +14,9 @@ from raymap.locking import try_lock
 from raymap.opening import open as open_map
 from raymap.resume import scene_difference
 from raymap.shards import SUFFIX, shard_paths
-from tracer.shard_tasks import fan
 
 if TYPE_CHECKING:
-    from tracer.scene.compile import Compilation
+    from tracer.run.trace import Trace
 
 __all__ = ["begin_folder", "owned_folder"]
 
@@ -52,7 +51,7 @@ def owned_folder(place: Path | Address) -> Iterator[None]:
 
 
 def begin_folder(
-    place: Path | Address, compilation: Compilation, *, append: bool, force: bool
+    place: Path | Address, trace: Trace, *, append: bool, force: bool
 ) -> tuple[int, int]:
     """(first ray, seed where none is given); refuses or removes what is there."""
     from tracer.recording import DEFAULT_SEED
@@ -62,11 +61,11 @@ def begin_folder(
         return 0, DEFAULT_SEED
     if append:
         with open_map(there, on_damage="skip") as known:
-            difference = scene_difference(known.directory, compilation.directory)
+            difference = scene_difference(known.directory, trace.directory)
             if difference:
                 raise SceneMismatch(f"{place} was recorded from another scene: {difference}")
             after = max((p.last_ray + 1 for p in known.portions if p.n_rays), default=0)
-            first = -(-after // fan(compilation.arrays))
+            first = -(-after // trace.fan)
             seeds = [run["seed"] for run in known.runs if run.get("seed") is not None]
         return first, int(seeds[-1]) if seeds else DEFAULT_SEED
     if not force:

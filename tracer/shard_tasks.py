@@ -18,13 +18,12 @@ import zstandard
 
 from raymap.address import Address
 from raymap.writer import RayMapWriter
-from tracer.scene.arrays import R_RAYS, R_SPLITS, CompiledScene
 
 if TYPE_CHECKING:
     from tracer.results import RecordResult
-    from tracer.scene.compile import Compilation
+    from tracer.run.trace import Trace
 
-__all__ = ["Shard", "ShardTask", "fan", "pack", "trace_shard", "unpack"]
+__all__ = ["Shard", "ShardTask", "pack", "trace_shard", "unpack"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +32,7 @@ class ShardTask:
 
     Attributes
     ----------
-    scene : the packed compilation
+    scene : the packed trace
     name : of the file
     first_ray, rays, seed : which rays (emissions, where rays split)
     seconds : stop after so long, or None
@@ -66,36 +65,29 @@ class Shard:
     data: bytes | None
 
 
-_compilations: dict[str, Compilation] = {}
+_traces: dict[str, Trace] = {}
 _unpacking = threading.Lock()
 
 
-def fan(scene: CompiledScene) -> int:
-    """Ray numbers that an emission takes: several where rays split."""
-    if scene.rare is None or scene.rare.settings[R_SPLITS] <= 0.0:
-        return 1
-    return int(scene.rare.settings[R_RAYS])
+def pack(trace: Trace) -> bytes:
+    """A trace as bytes, for workers of the same version."""
+    return zstandard.compress(pickle.dumps(trace, protocol=5), 3)
 
 
-def pack(compilation: Compilation) -> bytes:
-    """A compilation as bytes, for workers of the same version."""
-    return zstandard.compress(pickle.dumps(compilation, protocol=5), 3)
-
-
-def unpack(scene: bytes) -> Compilation:
-    """The compilation of `pack`."""
-    found: Compilation = pickle.loads(zstandard.decompress(scene))
+def unpack(scene: bytes) -> Trace:
+    """The trace of `pack`."""
+    found: Trace = pickle.loads(zstandard.decompress(scene))
     return found
 
 
-def _scene_of(task: ShardTask) -> Compilation:
+def _scene_of(task: ShardTask) -> Trace:
     """The scene of a task; the last one is kept, as most tasks have the same."""
     key = hashlib.sha256(task.scene).hexdigest()
     with _unpacking:
-        if key not in _compilations:
-            _compilations.clear()
-            _compilations[key] = unpack(task.scene)
-        return _compilations[key]
+        if key not in _traces:
+            _traces.clear()
+            _traces[key] = unpack(task.scene)
+        return _traces[key]
 
 
 def trace_shard(task: ShardTask) -> Shard:
@@ -125,23 +117,23 @@ def trace_shard(task: ShardTask) -> Shard:
 def _trace_into(task: ShardTask, path: Path) -> RecordResult:
     from tracer.recording import run_into
 
-    compilation = _scene_of(task)
+    trace = _scene_of(task)
     with (
         warnings.catch_warnings(),
         RayMapWriter.create(
             path,
-            compilation.directory,
-            meshes=compilation.meshes if task.meshes else {},
+            trace.directory,
+            meshes=trace.meshes if task.meshes else {},
             raw=task.raw,
             compact=task.compact,
             trusted=True,
-            first_ray=task.first_ray * fan(compilation.arrays),
+            first_ray=task.first_ray * trace.fan,
         ) as writer,
     ):
         # What there is to warn of stands in the result
         warnings.simplefilter("ignore")
         return run_into(
-            compilation,
+            trace,
             writer,
             rays=task.rays,
             seconds=task.seconds,

@@ -28,7 +28,7 @@ from tracer.shard_tasks import Shard, ShardTask, pack, trace_shard
 
 if TYPE_CHECKING:
     from tracer.results import Progress, RecordResult
-    from tracer.scene.compile import Compilation
+    from tracer.run.trace import Trace
 
 __all__ = ["record_shards"]
 
@@ -37,7 +37,7 @@ LEAST_RAYS, MOST_RAYS = 2**13, 2**20
 
 
 def record_shards(
-    compilation: Compilation,
+    trace: Trace,
     folder: str | os.PathLike[str] | Address,
     executor: Executor,
     *,
@@ -77,13 +77,13 @@ def record_shards(
             f"without {SUFFIX}"
         )
     with owned_folder(place):
-        first, known_seed = begin_folder(place, compilation, append=append, force=force)
+        first, known_seed = begin_folder(place, trace, append=append, force=force)
         chosen = known_seed if seed is None else seed
-        trace = _SpreadTrace(
-            compilation, place, executor, first_ray=first, seed=chosen, rays=rays, seconds=seconds,
+        spread = _SpreadTrace(
+            trace, place, executor, first_ray=first, seed=chosen, rays=rays, seconds=seconds,
             raw=raw, compact=compact, portion_rays=portion_rays, shard_rays=shard_rays,
         )  # fmt: skip
-        return trace.run(progress, cancel)
+        return spread.run(progress, cancel)
 
 
 class _SpreadTrace:
@@ -91,7 +91,7 @@ class _SpreadTrace:
 
     def __init__(
         self,
-        compilation: Compilation,
+        trace: Trace,
         place: Path | Address,
         executor: Executor,
         *,
@@ -112,7 +112,7 @@ class _SpreadTrace:
         self.shard_rays = shard_rays or max(LEAST_RAYS, min(MOST_RAYS, share))
         self.probe: str | None = None
         self.task = ShardTask(
-            scene=pack(compilation),
+            scene=pack(trace),
             name="",
             first_ray=first_ray,
             rays=0,

@@ -52,7 +52,6 @@ SMALLER = {
     "lens-levels": ["--rays", "500"],
     "lens-vignetting": ["--rays", "200", "--steps", "3"],
     "microscope": ["--pixels", "31"],
-    "record-polarized": ["--rays", "5000"],
 }
 """Options that make a command quick."""
 

@@ -234,27 +234,34 @@ def test_lens_trees_refuse_what_they_do_not_know(
 
 
 @pytest.mark.parametrize(
-    "option",
+    ("keys", "said"),
     [
-        ["--append"],
-        ["--states", "natural"],
-        ["--polariser", "lens.front=0,1,0"],
-        ["--source", "lamp=0,1,0"],
-        ["--phases"],
-        ["--threads", "2"],
+        ('states = "natural"', r"states goes with light = 'polarised'"),
+        ("phases = true", r"phases goes with light = 'polarised'"),
+        ('polarisers = { "lens.front" = [0, 1, 0] }', r"polarisers goes with light"),
+        ("min_flux = 1e-3", r"min_flux goes with lens_trees"),
+        ('lens_trees = 4\nlight = "polarised"', r"lens_trees start from natural light"),
+        ("min_reflection = 0.1", r"min_reflection goes with mode = 'weighted'"),
     ],
 )
-def test_lens_trees_refuse_options_without_effect(
-    option: list[str], run: Any, tmp_path: Path
-) -> None:
-    scene = tmp_path / "lens.toml"
-    scene.write_text(LENS)
-    target = tmp_path / "map.raymap"
-    words = ["record-polarized", scene, "-o", target, "--lens-trees", 4, *option]
-    code, _, error = run(*words)
+def test_keys_of_other_light_are_refused(keys: str, said: str) -> None:
+    with pytest.raises(SceneError, match=said):
+        parse_scene(f"{LENS}[trace]\n{keys}\n")
+
+
+@pytest.mark.parametrize("key", ['light = "polarised"', "lens_trees = 4"])
+def test_crystals_refuse_light_of_another_kind(key: str, tmp_path: Path) -> None:
+    from tracer.recording import record
+
+    with pytest.raises(SceneError, match=rf"trace\.{key.split(' ', maxsplit=1)[0]}"):
+        record(parse_scene(f"{CRYSTAL}[trace]\n{key}\n"), tmp_path / "a.raymap", rays=10)
+
+
+def test_the_former_command_says_what_to_write(run: Any) -> None:
+    code, _, error = run("record-polarized", "scene.toml", "-o", "a.raymap", "--lens-trees", "4")
     assert code == 1
-    assert option[0] in error
-    assert not target.exists()
+    assert error.count("\n") == 1
+    assert "light = 'polarised'" in error
 
 
 def test_a_vibration_that_natural_light_does_not_heed_is_warned_about() -> None:

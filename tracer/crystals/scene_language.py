@@ -7,16 +7,19 @@ language knows is refused by name.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from raymap.directory import ChannelSet, Directory, DisplayMesh
+from raymap.encoder import PortionEncoder
 from raymap.errors import SceneError
 from raymap.portion import Portion
+from raymap.schema import PORTION_RAYS
 from tracer.crystals.bodies import CrystalBody, convex_body, mesh_body
 from tracer.crystals.load import MediumModel as CrystalModel
 from tracer.crystals.load import medium_of
@@ -34,6 +37,7 @@ from tracer.crystals.rows import ISOTROPIC, KIND
 from tracer.geometry.bodies import BoxBody, MeshBody, PrismBody
 from tracer.geometry.body import Body
 from tracer.named_files import named_file
+from tracer.results import depth_limit
 from tracer.scene.fields import Node
 from tracer.scene.model import RGB_NM, MediumModel, Scene
 from tracer.scene.supported import refuse_weighting
@@ -42,8 +46,8 @@ if TYPE_CHECKING:
     from tracer.scene.source_model import SourceModel
 
 __all__ = [
-    "CrystalCompilation",
-    "CrystalWavefront",
+    "CrystalEngine",
+    "CrystalTrace",
     "bodies_of",
     "compile_crystals",
     "crystal_scene_of",
@@ -67,8 +71,8 @@ _MOST_KAPPA = 0.05
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class CrystalCompilation:
-    """A scene of crystals ready to record; attributes as of `tracer.scene.compile.Compilation`."""
+class CrystalTrace:
+    """A scene of crystals ready to record; attributes as of `tracer.run.trace.Trace`."""
 
     scene: Scene
     crystals: CrystalScene
@@ -76,26 +80,49 @@ class CrystalCompilation:
     channel_set: ChannelSet
     meshes: dict[int, DisplayMesh]
 
-    def wavefront(self, seed: int) -> CrystalWavefront:
-        """What traces its portions."""
-        return CrystalWavefront(self, seed)
+    fan: ClassVar[int] = 1
+    most_rays: ClassVar[int] = PORTION_RAYS
+
+    @property
+    def limit(self) -> tuple[str, str]:
+        return depth_limit(self.scene.limits.depth)
+
+    @property
+    def parameters(self) -> Mapping[str, Any]:
+        return {}
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Media hold functions; a worker compiles the scene again
+        return compile_crystals, (self.scene,)
+
+    def prepared(self, encoder: PortionEncoder | None, threads: int) -> CrystalTrace:
+        self.engine(1)  # refuses bodies that cannot stand together
+        return self
+
+    def engine(self, seed: int) -> CrystalEngine:
+        return CrystalEngine(self, seed)
+
+    def pinholes(self) -> None:
+        return None
 
 
-class CrystalWavefront:
+class CrystalEngine:
     """Traces portions of a scene of crystals; safe to call from many threads."""
 
-    fan = 1
-    splits = False
-
-    def __init__(self, compilation: CrystalCompilation, seed: int) -> None:
-        self.tracer = CrystalTracer(compilation.crystals, compilation.directory, seed)
+    def __init__(self, trace: CrystalTrace, seed: int) -> None:
+        self.tracer = CrystalTracer(trace.crystals, trace.directory, seed)
 
     def trace(self, first_ray: int, n_rays: int, *, reuse: bool = False) -> Portion:
         """Trace the rays ``first_ray`` to ``first_ray + n_rays``; ``reuse`` changes nothing."""
-        return self.tracer.portion(first_ray, n_rays)
+        return replace(self.tracer.portion(first_ray, n_rays), implied_normals=True)
+
+    def trace_counted(self, first_ray: int, n_rays: int) -> tuple[Portion, int]:
+        """As `trace`, with the number of its records."""
+        portion = self.trace(first_ray, n_rays)
+        return portion, portion.n_records
 
 
-def compile_crystals(scene: Scene) -> CrystalCompilation:
+def compile_crystals(scene: Scene) -> CrystalTrace:
     """Turn a scene with crystals into tables, directory and display meshes.
 
     Raises
@@ -104,9 +131,11 @@ def compile_crystals(scene: Scene) -> CrystalCompilation:
         naming the key that a scene of crystals cannot have
     """
     refuse_weighting(scene, "the tracer of crystals")
+    for key in sorted(scene.trace.model_fields_set - {"mode"}):
+        raise _refused(scene, f"trace.{key}", "has no effect on crystals, whose light is polarised")
     crystals = crystal_scene_of(scene)
     directory, meshes = hashed_directory(crystals, flux_unit=scene.flux_unit)
-    return CrystalCompilation(
+    return CrystalTrace(
         scene=scene,
         crystals=crystals,
         directory=directory,

@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from raymap.events import Event
+from raymap.kernels import kernel
+from tracer.engine.random import advance, stream_state, uniform
 from tracer.lens.forward import trace_lens
 from tracer.lens.scene_lenses import LensScene, SceneLens
 from tracer.lens.shape import BACK, FRONT, RIM
@@ -33,6 +35,7 @@ _STOPPED = int(Event.DEPTH_LIMIT)
 _LEFT = int(Event.LEFT_SCENE)
 
 MAX_GENERATIONS = 1000
+_SALT = 0x1E46
 
 
 @dataclass
@@ -81,13 +84,14 @@ class Forest:
 
 def grow_forest(
     scene: LensScene, channel: int, rays: PolarizedRays, root: Integers, emission: Integers,
-    forest: Forest, rng: np.random.Generator, *, depth: int, min_flux: float,
+    forest: Forest, seed: int, *, depth: int, min_flux: float,
 ) -> None:  # fmt: skip
     """Follow rays of one channel until every branch has ended.
 
     Parameters
     ----------
     rays : with fluxes in shares of their emission
+    seed : of what is drawn: where light is absorbed in a lens
     root : node where each ray starts
     depth : of every lens tree; what a lens still holds then ends there, stopped
     min_flux : branches below this share of the emission end, stopped, at their next meeting
@@ -113,7 +117,7 @@ def grow_forest(
             at = owner == number
             if at.any():
                 tree = trace_lens(lens.lens, live.where(at), depth=depth)
-                out = _split(scene, lens, tree, node[at], born[at], forest, rng, min_flux)
+                out = _split(scene, lens, tree, node[at], born[at], forest, seed, min_flux)
                 parts.append(out[0])
                 nodes.append(out[1])
                 emissions.append(out[2])
@@ -163,7 +167,7 @@ def _leave(
 
 def _split(
     scene: LensScene, lens: SceneLens, tree: LensTree, node: Integers, emission: Integers,
-    forest: Forest, rng: np.random.Generator, min_flux: float,
+    forest: Forest, seed: int, min_flux: float,
 ) -> tuple[PolarizedRays, Integers, Integers]:  # fmt: skip
     """Turn a lens tree into nodes; the rays that leave it, their nodes and emissions."""
     n, depth = tree.flux.shape
@@ -185,7 +189,8 @@ def _split(
             step = place - tree.point[here, level - 1]
             length = np.linalg.norm(step, axis=1)
             taken = -np.expm1(-lens.absorption * length)
-            flight = -np.log1p(-rng.random(len(here)) * taken) / lens.absorption
+            drawn = drawn_at(seed, emission[here], place)
+            flight = -np.log1p(-drawn * taken) / lens.absorption
             ratio = np.divide(flight, length, out=np.zeros_like(length), where=length > 0.0)
             point = tree.point[here, level - 1] + ratio[:, np.newaxis] * step
             lost = forest.add(parent, point, np.zeros_like(point), -1, -1, _IN_GLASS, lens.medium)
@@ -257,3 +262,21 @@ def _normals(lens: SceneLens, place: Real, face: NDArray[np.int8]) -> Real:
     radial = local[at, :2] / np.linalg.norm(local[at, :2], axis=1, keepdims=True)
     result[at, :2] = radial
     return np.asarray(result @ frame[:3])
+
+
+def drawn_at(seed: int, emission: Integers, place: Real) -> Real:
+    """(n,) numbers, uniform on [0, 1), that an emission draws at each of its places (n, 3)."""
+    bits = np.ascontiguousarray(place, np.float64).view(np.int64)
+    drawn = np.empty(len(emission))
+    _draw(seed ^ _SALT, np.asarray(emission, np.int64), bits, drawn)
+    return drawn
+
+
+@kernel
+def _draw(seed: int, emission: Integers, bits: Integers, drawn: Real) -> None:
+    """A stream of the emission, gone on by the bits of the coordinates."""
+    for i in range(len(emission)):
+        state = stream_state(seed, emission[i])
+        for k in range(3):
+            state = stream_state(state, bits[i, k])
+        drawn[i] = uniform(advance(state))

@@ -4,26 +4,28 @@ Every emission becomes all its branches: each is a ray of the map from the sourc
 its share of the flux as weight, and the column ``emission`` groups the branches of one emission.
 Meetings inside the lenses are recorded like any others, with the objects, faces and media of the
 analog trace of the same scene, so both maps can be queried alike. Emissions draw the same numbers
-as those of the analog trace. The column ``optical_path`` (n_records,) float32 is index times length
-from the emission to the record's point.
+as those of the analog trace, and what is drawn on the way depends on the emission alone. The column
+``optical_path`` (n_records,) float32 is index times length from the emission to the record's point.
 """
 
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.directory import ChannelSet, Directory, DisplayMesh
+from raymap.encoder import PortionEncoder
 from raymap.errors import SceneError
 from raymap.events import Event
 from raymap.kernels import kernel
 from raymap.portion import Descriptors, Portion
-from raymap.replacing import refuse_existing
 from raymap.schema import NORMAL_SCALE, UV_SCALE
-from raymap.writer import RayMapWriter
 from tracer.engine.random import advance, stream_state, uniform
 from tracer.geometry.kinds import F64, I64
 from tracer.lens.branches import Forest, grow_forest
@@ -31,15 +33,15 @@ from tracer.lens.errors import LensError
 from tracer.lens.scene_lenses import LensScene
 from tracer.optics.polarization import transverse_axes
 from tracer.optics.polarization_rays import PolarizedRays
+from tracer.recording import record
 from tracer.scene.arrays import L_MEDIUM, SOURCE_ROW
 from tracer.scene.compilations import compilation_of
 from tracer.scene.compile import Compilation
 from tracer.scene.model import Scene
 from tracer.scene.supported import refuse_weighting, require_plain_scene
 from tracer.sources import emit_ray, emitted_counts
-from tracer.tally import Tally
 
-__all__ = ["LensTracer", "TreeRecord", "record_lens_trees"]
+__all__ = ["LensTracer", "LensTreeTrace", "TreeRecord", "lens_tree_trace", "record_lens_trees"]
 
 Real = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -75,8 +77,17 @@ class LensTracer:
         self.scene = LensScene.of(compilation)
         self.seed, self.depth, self.min_flux = seed, depth, min_flux
 
-    def trace(self, first: int, n: int, first_ray: int) -> Portion:
-        """All branches of the emissions ``first`` to ``first + n``; rays count from first_ray."""
+    def trace_counted(self, first_ray: int, n_rays: int) -> tuple[Portion, int]:
+        """As `trace`, with the number of its records."""
+        portion = self.trace(first_ray, n_rays)
+        return portion, portion.n_records
+
+    def trace(self, first_ray: int, n_rays: int, *, reuse: bool = False) -> Portion:
+        """All branches of the emissions ``first_ray`` to ``first_ray + n_rays``.
+
+        ``reuse`` changes nothing.
+        """
+        first, n = first_ray, n_rays
         arrays, channels = self.compilation.arrays, self.compilation.channel_set
         source = np.empty(n, np.int64)
         place, direction, normal = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
@@ -87,7 +98,6 @@ class LensTracer:
         )  # fmt: skip
         x, y = transverse_axes(direction)
         vibration = np.cos(azimuth)[:, np.newaxis] * x + np.sin(azimuth)[:, np.newaxis] * y
-        rng = np.random.default_rng([self.seed, first, _SALT])
         forest = Forest()
         root = forest.add(
             np.full(n, -1), place, normal, -1, -1, _EMITTED, arrays.source_i[source, L_MEDIUM]
@@ -99,14 +109,13 @@ class LensTracer:
                     place[at], direction[at], vibration[at], wavelength_nm=wavelength
                 )
                 grow_forest(
-                    self.scene, number, rays, root[at], at + first, forest, rng,
+                    self.scene, number, rays, root[at], at + first, forest, self.seed,
                     depth=self.depth, min_flux=self.min_flux,
                 )  # fmt: skip
-        return self._portion(forest, first, n, first_ray, source, channel)
+        return self._portion(forest, first, n, source, channel)
 
     def _portion(
-        self, forest: Forest, first: int, n: int, first_ray: int, source: Integers,
-        channel: Integers,
+        self, forest: Forest, first: int, n: int, source: Integers, channel: Integers
     ) -> Portion:  # fmt: skip
         nodes = forest.node_columns()
         leaf, flux, emission = (np.asarray(column) for column in forest.end_columns())
@@ -118,6 +127,13 @@ class LensTracer:
         position, normal, obj, triangle, happened, medium = (column[rows] for column in nodes[1:])
         event: NDArray[np.int32] = happened.astype(np.int32)
         count, descriptors = self._meetings(counts, position.astype(np.float64), obj, event)
+        branches = np.bincount(emission - first, minlength=n)
+        if branches.max(initial=0) > LensTreeTrace.fan:
+            raise LensError(
+                f"an emission became {branches.max():,} rays; give trees a smaller depth, or stop "
+                "branches earlier with min_flux"
+            )
+        place = np.arange(len(emission)) - np.repeat(np.cumsum(branches) - branches, branches)
         owner = source[emission - first]
         color = channel[emission - first]
         return Portion(
@@ -136,9 +152,10 @@ class LensTracer:
             color_table=np.empty((0, self.compilation.channel_set.n_channels), np.uint16),
             descriptor_count=count,
             descriptors=descriptors,
-            first_ray=first_ray,
+            first_ray=first * LensTreeTrace.fan,
+            ray_ids=emission * LensTreeTrace.fan + place,
             weight=flux.astype(np.float32),
-            emission=emission,
+            emission=emission * LensTreeTrace.fan,
             extra={"optical_path": self._paths(counts, position, medium, np.repeat(color, counts))},
         )
 
@@ -206,6 +223,67 @@ class LensTracer:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class LensTreeTrace:
+    """A compiled scene whose lenses are primitives; attributes as of `tracer.run.trace.Trace`."""
+
+    compilation: Compilation
+    depth: int = 8
+    min_flux: float = 1e-6
+
+    fan: ClassVar[int] = 2**20
+    most_rays: ClassVar[int] = 4096
+
+    @property
+    def scene(self) -> Scene:
+        return self.compilation.scene
+
+    @property
+    def directory(self) -> Directory:
+        return self.compilation.directory
+
+    @property
+    def channel_set(self) -> ChannelSet:
+        return self.compilation.channel_set
+
+    @property
+    def meshes(self) -> Mapping[int, DisplayMesh]:
+        return self.compilation.meshes
+
+    @property
+    def limit(self) -> tuple[str, str]:
+        return (
+            f"trees of {self.depth} levels and branches below {self.min_flux:g} of their emission",
+            "give trace.lens_trees more levels, or a smaller trace.min_flux",
+        )
+
+    @property
+    def parameters(self) -> Mapping[str, Any]:
+        return {"lens_trees": self.depth}
+
+    def prepared(self, encoder: PortionEncoder | None, threads: int) -> LensTreeTrace:
+        require_plain_scene(self.compilation, "the tracer of whole lenses")
+        refuse_weighting(self.scene, "the tracer of whole lenses")
+        _refuse_polarised_sources(self.compilation)
+        self.engine(1)  # refuses scenes of other than lenses
+        _warn_of_depth(self.compilation, self.depth)
+        return self
+
+    def engine(self, seed: int) -> LensTracer:
+        return LensTracer(self.compilation, seed, depth=self.depth, min_flux=self.min_flux)
+
+    def pinholes(self) -> None:
+        return None
+
+
+def lens_tree_trace(scene: Scene | Compilation) -> LensTreeTrace:
+    """The trace of a scene with ``[trace] lens_trees``."""
+    compilation = compilation_of(scene)
+    given = compilation.scene.trace
+    assert given.lens_trees is not None
+    return LensTreeTrace(compilation, given.lens_trees, given.min_flux)
+
+
 def record_lens_trees(
     scene: str | Path | Scene | Compilation,
     path: str | Path,
@@ -213,9 +291,7 @@ def record_lens_trees(
     emissions: int = 10_000,
     depth: int = 8,
     min_flux: float = 1e-6,
-    seed: int = 1,
-    force: bool = False,
-    batch: int = 4096,
+    **options: Any,
 ) -> TreeRecord:
     """Record a scene of lenses, sources and detectors, the lenses as primitives.
 
@@ -226,8 +302,7 @@ def record_lens_trees(
     emissions : how many rays the sources send
     depth : of every lens tree
     min_flux : a branch below this share of its emission is stopped
-    seed, force : as in `tracer.recording.record`
-    batch : emissions traced together, one portion
+    options : as of `tracer.recording.record`
 
     Raises
     ------
@@ -235,31 +310,9 @@ def record_lens_trees(
     """
     if emissions < 1:
         raise SceneError(f"emissions must be at least 1, not {emissions}")
-    target = Path(path)
-    refuse_existing(target, force=force)
-    compilation = compilation_of(scene)
-    require_plain_scene(compilation, "the tracer of whole lenses")
-    refuse_weighting(compilation.scene, "the tracer of whole lenses")
-    _refuse_polarised_sources(compilation)
-    _warn_of_depth(compilation, depth)
-    tracer = LensTracer(compilation, seed, depth=depth, min_flux=min_flux)
-    tally = Tally(compilation.directory, compilation.channel_set)
-    with RayMapWriter.create(
-        target, compilation.directory, meshes=compilation.meshes, force=force
-    ) as writer:
-        writer.add_channel_set(compilation.channel_set)
-        writer.start_run(seed=seed, parameters={"lens_trees": depth})
-        for first in range(0, emissions, batch):
-            portion = tracer.trace(first, min(batch, emissions - first), writer.next_ray)
-            tally.add(portion)
-            writer.append(portion)
-        for number in range(len(compilation.directory.detectors)):
-            sums, sums2 = tally.detector_sums(number)
-            writer.add_detector_result(number, sums, sums2)
-        writer.finish({"emissions": emissions, "audit": tally.audit()})
-    return TreeRecord(
-        emissions=emissions, rays=tally.rays, records=tally.records, audit=tally.audit()
-    )
+    trace = LensTreeTrace(compilation_of(scene), depth, min_flux)
+    done = record(trace, path, rays=emissions, **options)
+    return TreeRecord(emissions=emissions, rays=done.rays, records=done.records, audit=done.audit)
 
 
 def _refuse_polarised_sources(compilation: Compilation) -> None:

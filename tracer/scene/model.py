@@ -302,3 +302,12 @@ class Scene(Node):
         return any(
             name in used and medium.crystal is not None for name, medium in self.media.items()
         )
+
+    @property
+    def light(self) -> str:
+        """Which way of following light it asks for: natural, polarised, lens_trees or crystals."""
+        if self.has_crystals:
+            return "crystals"
+        if self.trace.lens_trees is not None:
+            return "lens_trees"
+        return self.trace.light

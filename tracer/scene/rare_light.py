@@ -19,11 +19,16 @@ from tracer.scene.arrays import (
     TARGET_SPHERE,
     RareLight,
 )
-from tracer.scene.fields import Node
+from tracer.scene.fields import Node, Vector
 
 __all__ = ["TraceModel", "compile_rare_light"]
 
 Array = NDArray[np.float64]
+
+_WEIGHTED = (
+    "min_reflection", "split_depth", "aim", "aim_share", "roulette_weight", "rays_per_emission",
+)  # fmt: skip
+_POLARISED = ("states", "polarisers", "phases")
 
 
 class TraceModel(Node):
@@ -36,8 +41,20 @@ class TraceModel(Node):
         it off; ``aim``: names of faces, bodies or detectors that scattered light is aimed at, with
         the probability ``aim_share``; rays of a weight below ``roulette_weight`` are thinned out;
         ``rays_per_emission`` is the most that one emission may become
+
+    ``light`` is natural or polarised. Of polarised light ``states`` says what unpolarised sources
+    send: "linear" draws one linear wave per ray, "natural" carries both halves of natural light
+    along; ``polarisers`` are faces that absorb vibrations along an axis; ``phases`` stores phases
+    and exact optical paths. ``lens_trees`` traces lenses as primitives, all branches of a tree of
+    that many levels kept until they fall below ``min_flux``, a share of their emission.
     """
 
+    light: Literal["natural", "polarised"] = "natural"
+    states: Literal["linear", "natural"] = "linear"
+    polarisers: dict[str, Vector] = {}
+    phases: bool = False
+    lens_trees: Annotated[int, Field(ge=1, le=1000)] | None = None
+    min_flux: Annotated[float, Field(ge=0, lt=1)] = 1e-6
     mode: Literal["analog", "weighted"] = "analog"
     min_reflection: Annotated[float, Field(ge=0, le=0.9)] = 0.0
     split_depth: Annotated[int, Field(ge=0, le=16)] = 0
@@ -47,9 +64,19 @@ class TraceModel(Node):
     rays_per_emission: Annotated[int, Field(ge=2, le=65536)] = 256
 
     def model_post_init(self, context: Any) -> None:
-        if self.mode == "analog" and self.model_fields_set - {"mode"}:
-            names = ", ".join(sorted(self.model_fields_set - {"mode"}))
-            raise ValueError(f"{names} goes with mode = 'weighted'")
+        for keys, goes, needs in (
+            (_WEIGHTED, self.mode == "weighted", "mode = 'weighted'"),
+            (_POLARISED, self.light == "polarised", "light = 'polarised'"),
+            (("min_flux",), self.lens_trees is not None, "lens_trees"),
+        ):
+            given = sorted(self.model_fields_set & set(keys))
+            if given and not goes:
+                raise ValueError(f"{', '.join(given)} goes with {needs}")
+        if self.lens_trees is not None and self.light == "polarised":
+            raise ValueError(
+                "lens_trees start from natural light and keep its polarisation on the way: leave "
+                "light = 'polarised' out"
+            )
         if self.mode == "weighted" and not (self.min_reflection or self.split_depth or self.aim):
             raise ValueError(
                 "the weighted mode needs something to do: min_reflection, split_depth or aim"

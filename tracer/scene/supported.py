@@ -117,8 +117,9 @@ def refuse_polarising_faces(compilation: Compilation) -> None:
         if unknown is not None:
             key, why = unknown
             raise SceneError(
-                f"{scene.origin}: surfaces.{name}.{key}: {why}, which record-polarized does not "
-                f"know (face {faces[name]}); raymap record traces it with natural light"
+                f"{scene.origin}: surfaces.{name}.{key}: {why}, which polarised "
+                f"light does not know (face {faces[name]}); natural light does: leave out "
+                "trace.light"
             )
 
 
@@ -138,7 +139,7 @@ def warn_of_polarised_sources(compilation: Compilation) -> None:
         if source.on and source.polarisation is not None:
             warnings.warn(
                 f"{scene.origin}: sources.{name}.polarisation has no effect on natural light; "
-                "raymap record-polarized heeds it",
+                "polarised light heeds it: [trace] light = 'polarised'",
                 NaturalLight,
                 stacklevel=3,
             )

@@ -1,5 +1,4 @@
-"""Commands of polarised light: lens-levels, lens-cone, lens-vignetting, lens-picture, microscope,
-record-polarized."""
+"""Commands of lenses and polarised light: lens-levels, lens-cone, lens-picture, microscope …"""
 
 from __future__ import annotations
 
@@ -47,7 +46,11 @@ def register(app: typer.Typer) -> None:
     app.command("lens-vignetting", rich_help_panel=Panel.STUDIES)(lens_vignetting)
     app.command("lens-picture", rich_help_panel=Panel.STUDIES)(lens_picture)
     app.command("microscope", rich_help_panel=Panel.STUDIES)(microscope)
-    app.command("record-polarized", rich_help_panel=Panel.RECORD)(record_polarized)
+    app.command(
+        "record-polarized",
+        hidden=True,
+        context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
+    )(record_polarized)
 
 
 def _lens(

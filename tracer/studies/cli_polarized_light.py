@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from raymap.cli import Json, emit_json, warnings_on_stderr
+from raymap.cli import Json, emit_json
+from raymap.errors import SceneError
 
 if TYPE_CHECKING:
     from tracer.studies.specimens import CrystalPlate
@@ -75,116 +76,12 @@ def microscope(
     typer.echo(f"wrote {output}")
 
 
-def record_polarized(
-    scene: Annotated[Path, typer.Argument(help="A scene file (TOML).", show_default=False)],
-    output: Annotated[Path, typer.Option("-o", "--output", help="The ray map to write.")],
-    rays: Annotated[int, typer.Option(min=1, help="Rays to trace.")] = 100_000,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")] = 1,
-    threads: Annotated[
-        int | None, typer.Option(min=1, help="Worker threads; by default one per core.")
-    ] = None,
-    append: Annotated[bool, typer.Option("--append", help="Continue the map.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing map.")] = False,
-    states: Annotated[
-        Literal["linear", "natural"],
-        typer.Option(help="Draw a linear state for every ray, or carry natural light along."),
-    ] = "linear",
-    polariser: Annotated[
-        list[str] | None,
-        typer.Option(help="FACE=X,Y,Z: a sheet that absorbs vibrations along an axis; repeatable."),
-    ] = None,
-    source: Annotated[
-        list[str] | None,
-        typer.Option(help="SOURCE=X,Y,Z: vibration of a polarised source; repeatable."),
-    ] = None,
-    phases: Annotated[
-        bool, typer.Option("--phases", help="Store phases, and exact optical paths.")
-    ] = False,
-    lens_trees: Annotated[
-        int | None,
-        typer.Option(min=1, help="Lenses as primitives: depth of their trees, all branches kept."),
-    ] = None,
-    json: Json = False,
-) -> None:
-    """Trace a scene with polarised light and record every path."""
-    from dataclasses import asdict, fields
-
-    from tracer.lens.record import record_lens_trees
-    from tracer.polarized_record import Polarization
-    from tracer.polarized_record import record_polarized as record
-    from tracer.recording import refuse_scene_file
-
-    refuse_scene_file(scene, output)
-    result: dict[str, object]
-    if lens_trees is not None:
-        _refuse_with_trees(
-            {
-                "--threads": threads,
-                "--append": append,
-                "--states": states if states != "linear" else None,
-                "--polariser": polariser,
-                "--source": source,
-                "--phases": phases,
-            }
-        )
-        with warnings_on_stderr():
-            tree = record_lens_trees(
-                scene, output, emissions=rays, depth=lens_trees, seed=seed, force=force
-            )
-        result = asdict(tree)
-    else:
-        with warnings_on_stderr():
-            done = record(
-                scene,
-                output,
-                polarization=Polarization(
-                    states=states,
-                    polarisers={name: (axis, 0.0) for name, axis in _axes(polariser, "polariser")},
-                    sources=dict(_axes(source, "source")),
-                    phases=phases,
-                ),
-                rays=rays,
-                seed=seed,
-                threads=threads,
-                append=append,
-                force=force,
-            )
-        result = {
-            item.name: getattr(done, item.name) for item in fields(done) if item.name != "detectors"
-        }
-    if json:
-        emit_json(result)
-        return
-    typer.echo(f"{result['rays']:,} rays, {result['records']:,} records in {output}")
-
-
-def _refuse_with_trees(options: dict[str, object]) -> None:
-    """Refuse options that would have no effect on lenses as primitives."""
-    from raymap.errors import SceneError
-
-    given = [name for name, value in options.items() if value]
-    if given:
-        raise SceneError(
-            f"--lens-trees does not know {', '.join(given)}: its trees start from natural light "
-            "and are written in one go; leave it out"
-        )
-
-
-def _axes(texts: list[str] | None, option: str) -> list[tuple[str, tuple[float, float, float]]]:
-    """Read NAME=X,Y,Z."""
-    from raymap.errors import SceneError
-
-    found = []
-    for text in texts or []:
-        name, _, numbers = text.rpartition("=")
-        try:
-            x, y, z = (float(number) for number in numbers.split(","))
-        except ValueError:
-            raise SceneError(
-                f"--{option} {text!r}: expected NAME=X,Y,Z, for example sheet.face=0,1,0"
-            ) from None
-        found.append((name, (x, y, z)))
-    return found
+def record_polarized(context: typer.Context) -> None:
+    """Say how polarised light is recorded."""
+    raise SceneError(
+        "record-polarized is now raymap record: write [trace] light = 'polarised' (or lens_trees = "
+        "8) into the scene, or into a variant of it"
+    )
 
 
 def _plate(crystal: str, thickness_um: float, tilt_deg: float, stage_deg: float) -> CrystalPlate:

@@ -93,7 +93,7 @@ def test_shares_of_a_plate_with_its_axis_in_the_face(tmp_path: Path) -> None:
 def test_an_isotropic_body_is_traced_like_glass(tmp_path: Path) -> None:
     text = plate(medium="glass")
     crystals = compile_crystals(parse_scene(text))
-    portion = crystals.wavefront(1).trace(0, 20_000)
+    portion = crystals.engine(1).trace(0, 20_000)
     last = np.cumsum(portion.records_per_ray) - 1
     on_screen = np.mean(portion.object[last] == 1)
     r = 0.04
@@ -153,7 +153,7 @@ def test_what_crystals_cannot_have_is_refused_by_name(change: str, to: str, name
     if "lambertian" in to:
         text = text.replace("direction = [0, 0, 1]", "axis = [0, 0, 1]")
     with pytest.raises(SceneError, match=named):
-        compile_crystals(parse_scene(text)).wavefront(1)
+        compile_crystals(parse_scene(text)).engine(1)
 
 
 def test_other_tracers_refuse_crystals() -> None:
@@ -170,9 +170,9 @@ position = [0, 0, {z}]
 medium = "glass"
 """
     head = 'contacts = [["plate", "second"]]\n'
-    compile_crystals(parse_scene(head + plate() + second.format(z=5))).wavefront(1)
+    compile_crystals(parse_scene(head + plate() + second.format(z=5))).engine(1)
     with pytest.raises(SceneError, match="the bodies are 1 mm apart; move them together"):
-        compile_crystals(parse_scene(head + plate() + second.format(z=6))).wavefront(1)
+        compile_crystals(parse_scene(head + plate() + second.format(z=6))).engine(1)
 
 
 def test_dark_crystals_need_a_clear_isotropic_medium_outside() -> None:

@@ -1,0 +1,104 @@
+"""Natural light, analog or weighted: the wavefront as a trace that can be recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from raymap.cells import is_pinhole
+from raymap.directory import ChannelSet, Directory, DisplayMesh
+from raymap.encoder import PortionEncoder
+from raymap.portion import Portion
+from raymap.schema import PORTION_RAYS
+from tracer.engine.wavefront import Wavefront
+from tracer.rehearsal import compile_trace, order_faces
+from tracer.results import depth_limit
+from tracer.run.trace import Trace
+from tracer.scene.arrays import R_RAYS, R_SPLITS
+from tracer.scene.compile import Compilation
+from tracer.scene.model import Scene
+from tracer.scene.source_check import check_sources
+from tracer.scene.supported import refuse_pinholes, warn_of_polarised_sources
+
+if TYPE_CHECKING:
+    from tracer.engine.pinhole import Pinholes
+
+__all__ = ["NaturalTrace"]
+
+
+@dataclass(frozen=True, eq=False)
+class NaturalTrace:
+    """A compiled scene in natural light; attributes as of `tracer.run.trace.Trace`."""
+
+    compilation: Compilation
+
+    @property
+    def most_rays(self) -> int:
+        return PORTION_RAYS
+
+    @property
+    def limit(self) -> tuple[str, str]:
+        return depth_limit(self.scene.limits.depth)
+
+    @property
+    def parameters(self) -> Mapping[str, Any]:
+        return {}
+
+    @property
+    def scene(self) -> Scene:
+        return self.compilation.scene
+
+    @property
+    def directory(self) -> Directory:
+        return self.compilation.directory
+
+    @property
+    def channel_set(self) -> ChannelSet:
+        return self.compilation.channel_set
+
+    @property
+    def meshes(self) -> Mapping[int, DisplayMesh]:
+        return self.compilation.meshes
+
+    @property
+    def fan(self) -> int:
+        rare = self.compilation.arrays.rare
+        if rare is None or rare.settings[R_SPLITS] <= 0.0:
+            return 1
+        return int(rare.settings[R_RAYS])
+
+    def prepared(self, encoder: PortionEncoder | None, threads: int) -> Trace:
+        compile_trace(self.compilation, encoder, threads)
+        check_sources(self.compilation)
+        warn_of_polarised_sources(self.compilation)
+        if self.compilation.arrays.rare is not None:
+            refuse_pinholes(self.compilation, "the weighted one")
+        return NaturalTrace(order_faces(self.compilation))
+
+    def engine(self, seed: int) -> _NaturalEngine:
+        compilation = self.compilation
+        return _NaturalEngine(
+            Wavefront(compilation.arrays, seed, meshes=compilation.solids, weighted=True)
+        )
+
+    def pinholes(self) -> Pinholes | None:
+        if not any(is_pinhole(item) for item in self.directory.detectors):
+            return None
+        from tracer.engine.pinhole import Pinholes
+
+        return Pinholes(self.compilation)
+
+
+@dataclass(frozen=True, eq=False)
+class _NaturalEngine:
+    """A wavefront whose normals are those that the faces imply, bit for bit."""
+
+    wavefront: Wavefront
+
+    def trace(self, first_ray: int, n_rays: int, *, reuse: bool = False) -> Portion:
+        portion = self.wavefront.trace(first_ray, n_rays, reuse=reuse)
+        return replace(portion, implied_normals=True)
+
+    def trace_counted(self, first_ray: int, n_rays: int) -> tuple[Portion, int]:
+        return self.wavefront.trace_counted(first_ray, n_rays)

@@ -1,0 +1,85 @@
+"""What a run asks of a way of following light.
+
+A `Trace` is a scene that is ready to be recorded: natural, weighted or polarised light, lenses as
+trees, crystals. Of a trace and a seed comes an `Engine`, which turns ray numbers into portions. The
+run (`tracer.recording`) knows nothing else of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Protocol
+
+from raymap.directory import ChannelSet, Directory, DisplayMesh
+from raymap.encoder import PortionEncoder
+from raymap.portion import Portion
+
+if TYPE_CHECKING:
+    from tracer.engine.pinhole import Pinholes
+    from tracer.scene.model import Scene
+
+__all__ = ["Engine", "Trace"]
+
+
+class Engine(Protocol):
+    """Traces portions of one scene with one seed; safe to call from many threads."""
+
+    def trace(self, first_ray: int, n_rays: int, *, reuse: bool = False) -> Portion:
+        """Trace the rays (the emissions, where they split) first_ray to first_ray + n_rays.
+
+        With ``reuse`` the columns may be views of this thread's buffers, valid until its next call.
+        """
+
+    def trace_counted(self, first_ray: int, n_rays: int) -> tuple[Portion, int]:
+        """As `trace`, for counting only: records may be left out. Returns also how many there were.
+
+        Kept are the records at which rays end and those with descriptors.
+        """
+
+
+class Trace(Protocol):
+    """A scene that is ready to be recorded; workers on other machines get it pickled.
+
+    Attributes
+    ----------
+    scene, directory, channel_set, meshes : of the map
+    fan : rays that an emission may become; emission e has the ray numbers from e · fan on
+    most_rays : of a portion, at most
+    limit : what stops light that goes on too long, and the remedy, in words
+    parameters : what the map keeps of this run besides what it keeps of every one
+    """
+
+    @property
+    def scene(self) -> Scene: ...
+    @property
+    def directory(self) -> Directory: ...
+    @property
+    def channel_set(self) -> ChannelSet: ...
+    @property
+    def meshes(self) -> Mapping[int, DisplayMesh]: ...
+    @property
+    def fan(self) -> int: ...
+    @property
+    def most_rays(self) -> int: ...
+    @property
+    def limit(self) -> tuple[str, str]: ...
+    @property
+    def parameters(self) -> Mapping[str, Any]: ...
+
+    def prepared(self, encoder: PortionEncoder | None, threads: int) -> Trace:
+        """Refuse or warn of what the scene asks in vain, and compile what will be needed.
+
+        Parameters
+        ----------
+        encoder : of the map to be written; None where none is
+
+        Raises
+        ------
+        SceneError
+        """
+
+    def engine(self, seed: int) -> Engine:
+        """What traces portions."""
+
+    def pinholes(self) -> Pinholes | None:
+        """What sums up the pictures of pinholes; None where there are none."""
