@@ -23,12 +23,15 @@ from raymap.cluster import TRIES, worker_count
 from raymap.errors import RayMapError, SceneError
 from raymap.shards import SUFFIX
 from tracer.counts import add_counts
+from tracer.run.traces import trace_of
 from tracer.shard_folder import begin_folder, owned_folder
 from tracer.shard_tasks import Shard, ShardTask, pack, trace_shard
 
 if TYPE_CHECKING:
     from tracer.results import Progress, RecordResult
     from tracer.run.trace import Trace
+    from tracer.scene.compile import Compilation
+    from tracer.scene.model import Scene
 
 __all__ = ["record_shards"]
 
@@ -37,7 +40,7 @@ LEAST_RAYS, MOST_RAYS = 2**13, 2**20
 
 
 def record_shards(
-    trace: Trace,
+    scene: str | Path | Scene | Compilation | Trace,
     folder: str | os.PathLike[str] | Address,
     executor: Executor,
     *,
@@ -57,6 +60,7 @@ def record_shards(
 
     Parameters
     ----------
+    scene : as for `record`
     folder : of the shards; also an address (``s3://bucket/lens``). Workers that do not see it send
         their shards back
     rays, seconds, seed, append, force, raw, compact, portion_rays, progress, cancel : as for
@@ -70,6 +74,7 @@ def record_shards(
     RayMapError
         The executor lost its workers; the shards that are complete are served.
     """
+    trace = trace_of(scene)
     place = place_of(folder)
     if place.suffix == SUFFIX:
         raise SceneError(

@@ -126,7 +126,7 @@ def test_existing_maps_are_kept_and_other_scenes_refused(
     # Neither is anything compiled for a map that cannot be written
     for target in (path, tmp_path / "nowhere" / "a.raymap"):
         with monkeypatch.context() as patched:
-            patched.setattr("tracer.recording.compile_trace", None)
+            patched.setattr("tracer.run.natural.compile_trace", None)
             with pytest.raises(RayMapError, match=r"--append|no folder"):
                 record(lens, target, rays=100)
     with pytest.raises(MapExists, match="--append"):

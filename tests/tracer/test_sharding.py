@@ -25,9 +25,10 @@ from raymap.errors import MapExists, MapLocked, RayMapError, SceneError, SceneMi
 from tests.scenes import MIRROR_BALL
 from tracer.recording import record
 from tracer.results import Progress
+from tracer.run.natural import NaturalTrace
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.load import load_scene, parse_scene
-from tracer.shard_tasks import fan, pack, unpack
+from tracer.shard_tasks import pack, unpack
 from tracer.sharding import record_shards
 
 GLASS_AND_SPLITS = """
@@ -308,7 +309,9 @@ def solid(tmp_path: Path) -> Compilation:
 
 
 def test_meshes_travel(solid: Compilation) -> None:
-    there = unpack(pack(solid))
+    trace = unpack(pack(NaturalTrace(solid)))
+    assert isinstance(trace, NaturalTrace)
+    there = trace.compilation
     assert solid.solids is not None
     assert there.solids is not None
     assert there.solids.arrays.handle != solid.solids.arrays.handle
@@ -335,7 +338,7 @@ def weighted() -> Compilation:
 
 
 def test_numbers_that_an_emission_takes(scene: Compilation, weighted: Compilation) -> None:
-    assert (fan(scene.arrays), fan(weighted.arrays)) == (1, 8)
+    assert (NaturalTrace(scene).fan, NaturalTrace(weighted).fan) == (1, 8)
 
 
 @pytest.mark.slow
