@@ -43,7 +43,6 @@ MAP = "<map.raymap"
 COMMANDS = {
     "record": "<scene.toml -o >new.raymap --rays 10",
     "check": "<scene.toml -o >section.svg",
-    "record-polarized": "<scene.toml -o >new.raymap --rays 10",
     "faces": "<part.step",
     "query": f"{MAP} all -o >rays.csv",
     "paths": MAP,

@@ -25,7 +25,6 @@ from raymap.directory import ChannelSet, Directory, DisplayMesh
 from raymap.encoder import PortionEncoder
 from raymap.errors import SceneError
 from raymap.portion import Descriptors, Portion
-from raymap.replacing import refuse_existing
 from raymap.schema import PORTION_RAYS
 from tracer.engine.polarized import (
     PolarizedColumns,
@@ -296,8 +295,6 @@ def record_polarized(
     ------
     SceneError, MapExists, MapLocked, SceneMismatch
     """
-    if path is not None and not append:
-        refuse_existing(Path(path), force=force)
     compilation = compilation_of(scene)
     trace = PolarizedTrace(compilation, polarization or Polarization.of(compilation.scene))
     return record(trace, path, rays=rays, no_rays=path is None, **options)

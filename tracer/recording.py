@@ -82,7 +82,6 @@ def record(
     ------
     SceneError, MapExists, MapLocked, SceneMismatch
     """
-    trace = trace_of(scene)
     if path is None and not no_rays:
         raise SceneError("name the map to write (or ask for detector results only with no_rays)")
     if no_rays and append:
@@ -96,6 +95,7 @@ def record(
     here = executor is None or shares_memory(executor)
     if path is not None and here and not append:
         check_target(Path(path), force=force)
+    trace = trace_of(scene)
     count = threads or os.cpu_count() or 1
     encoder = None if no_rays else PortionEncoder(trace.directory, raw=raw, compact=compact)
     trace = trace.prepared(encoder, count)
