@@ -117,34 +117,38 @@ def _sample_jobs(rays: int) -> Iterator[Job]:
 
 
 def _polarised_jobs(folder: Path, rays: int) -> Iterator[Job]:
-    plates = folder / "polarised.toml"
-    plates.write_text(POLARISED)
-    lens = str(SAMPLES / "double_gauss.toml")
-    given = ("-o", "OUT", "--rays", str(rays), "--seed", "7", "--json")
-    for name, scene, more in (
-        ("polarised", str(plates), ()),
-        ("polarised_natural", str(plates), ("--states", "natural")),
-        ("polarised_phases", str(plates), ("--phases",)),
-        ("polarised_lens", lens, ()),
-    ):
-        yield Job(name, "B", ("record-polarized", scene, *given, *more))
-    few = ("-o", "OUT", "--rays", "200", "--seed", "7", "--json", "--lens-trees", "5")
-    yield Job("lens_trees", "B", ("record-polarized", str(_single_lens(folder)), *few))
+    """The earlier build took from the command line what a scene says now."""
+    lens = (SAMPLES / "double_gauss.toml").read_text()
+    for name, text, option, said, count in (
+        ("polarised", POLARISED, (), 'light = "polarised"', rays),
+        ("polarised_natural", POLARISED, ("--states", "natural"),
+         'light = "polarised"\nstates = "natural"', rays),
+        ("polarised_phases", POLARISED, ("--phases",), 'light = "polarised"\nphases = true', rays),
+        ("polarised_lens", lens, (), 'light = "polarised"', rays),
+        ("lens_trees", LENS, ("--lens-trees", "5"), "lens_trees = 5", 500),
+    ):  # fmt: skip
+        before, now = folder / f"{name}.toml", folder / f"{name}_new.toml"
+        before.write_text(text)
+        now.write_text(f"{text}\n[trace]\n{said}\n")
+        given = ("-o", "OUT", "--rays", str(count), "--seed", "7", "--json")
+        yield Job(
+            name,
+            "B",
+            ("record-polarized", str(before), *given, *option),
+            ("record", str(now), *given),
+        )
 
 
-def _single_lens(folder: Path) -> Path:
-    scene = folder / "single_lens.toml"
-    scene.write_text(
-        'length_unit = "mm"\n'
-        "[media.glass]\nindex = 1.5\n"
-        '[bodies.lens]\nkind = "lens"\nmedium = "glass"\nthickness = 5\ndiameter = 20\n'
-        "front = { radius = 40 }\nback = { radius = -60 }\n"
-        '[sources.lamp]\nkind = "collimated"\nposition = [0, 0, -10]\n'
-        "direction = [0, 0.1, 1]\ndiameter = 15\n"
-        "[detectors.screen]\nposition = [0, 0, 50]\nlooks = [0, 0, -1]\n"
-        "size = [40, 40]\ncells = [8, 8]\nblocking = true\n"
-    )
-    return scene
+LENS = (
+    'length_unit = "mm"\n'
+    "[media.glass]\nindex = 1.5\n"
+    '[bodies.lens]\nkind = "lens"\nmedium = "glass"\nthickness = 5\ndiameter = 20\n'
+    "front = { radius = 40 }\nback = { radius = -60 }\n"
+    '[sources.lamp]\nkind = "collimated"\nposition = [0, 0, -10]\n'
+    "direction = [0, 0.1, 1]\ndiameter = 15\n"
+    "[detectors.screen]\nposition = [0, 0, 50]\nlooks = [0, 0, -1]\n"
+    "size = [40, 40]\ncells = [8, 8]\nblocking = true\n"
+)
 
 
 def _studies() -> Iterator[Job]:

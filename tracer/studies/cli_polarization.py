@@ -49,6 +49,7 @@ def register(app: typer.Typer) -> None:
     app.command(
         "record-polarized",
         hidden=True,
+        rich_help_panel=Panel.RECORD,
         context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
     )(record_polarized)
 
