@@ -76,7 +76,7 @@ class StoredPortion(PortionGeometry):
         method = getattr(self, f"_column_{name}", None)
         if method is not None:
             return method()  # type: ignore[no-any-return]
-        if name == "emission" and "emission" in self._streams:
+        if name == "emission" and (self.grouped or "emission" in self._streams):
             return self._stream("emission", self.n_rays, np.int64)
         return self._extra(name) if f"x:{name}" in self._streams else None
 

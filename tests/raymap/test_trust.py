@@ -26,7 +26,7 @@ from raymap import stamps
 from raymap.compilecache import fingerprint
 from raymap.description import run_of
 from raymap.layout import DIRECTORY, FOOTER, MAGIC, PATHS, PORTION, StreamEntry, pack_chunk_header
-from raymap.portionmeta import DESCRIPTOR_STREAMS
+from raymap.portionmeta import DESCRIPTOR_STREAMS, PortionMeta
 from raymap.streams import WHOLE, ZSTD
 from raymap.verify import verify
 from tests.fuzz.fuzz_values import Seed, put_together
@@ -391,6 +391,18 @@ def test_meetings_in_cells_that_do_not_exist_are_damage(tmp_path):
         for read in (portion.descriptors, lambda: portion.column("cell")):
             with pytest.raises(raymap.DamagedPortion, match="cell that its detector does not have"):
                 read()
+
+
+@pytest.mark.parametrize(("bit", "column"), [(4, "weight"), (8, "emission")])
+def test_a_column_that_only_a_flag_states_is_damage(tmp_path, monkeypatch, bit, column):
+    """Bits of the portion's flags as the page of the format numbers them."""
+    path = tmp_path / "a.raymap"
+    own = PortionMeta.flags.fget
+    with monkeypatch.context() as patched:
+        patched.setattr(PortionMeta, "flags", property(lambda self: own(self) | bit))
+        write_small(path, n_portions=1, n_rays=20)
+    with raymap.open(path) as ray_map, pytest.raises(raymap.DamagedPortion, match=column):
+        ray_map.portions[0].column(column)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
