@@ -186,6 +186,9 @@ def join_windows(fits: Iterator[Fit], rays: float) -> Joined:
             break
     # Errors of small windows from the density that the largest one shows: few rays scatter
     density = np.maximum(_taken(np.stack(trained), last), 0.0)
+    # Where even that one holds no ray, one in it may have been missed
+    one = _TRAINED * np.stack([fit.ray * fit.spread for fit in history])
+    density = np.maximum(density, np.take_along_axis(one, last, axis=0))
     best, least = np.zeros_like(last), np.full(last.shape, np.inf)
     doubt, variance = np.zeros(last.shape), np.zeros(last.shape)
     for level, fit in enumerate(history):

@@ -39,17 +39,18 @@ def plane_fits(
     total = float(flux.sum())
     known = float(variance.sum()) / total if total > 0.0 else 0.0
     tables = [_table(image) for image in (*flux, variance, size)]
-    widest = max(size.shape)
+    widest, least = max(size.shape), 1e-12 * total
     for reach in _REACHES:
         if reach and (not joins or reach > widest):
             return
         *light, squares, area = (_sums(table, reach) for table in tables)
         *light_near, _, area_near = (_sums(table, reach // 2) for table in tables)
-        values = _over(np.stack(light), area)
-        departure = _PART * (values - _over(np.stack(light_near), area_near))
-        held = np.stack(light).sum(axis=0)
+        # Differences of large sums leave a rest where there is nothing
+        light, light_near = (_without_rest(parts, least) for parts in (light, light_near))
+        values = _over(light, area)
+        departure = _PART * (values - _over(light_near, area_near))
+        held = light.sum(axis=0)
         spread, near = _over(np.ones_like(area), area), _over(np.ones_like(area), area_near)
-        least = 1e-12 * total
         ray = np.where(
             held > least, np.maximum(squares, 0.0) / np.maximum(held, least or 1.0), known
         )
@@ -79,6 +80,12 @@ def _sums(table: Floats, reach: int) -> Floats:
     (bottom, top), (left, right) = ends
     high = table[np.ix_(top, right)] - table[np.ix_(top, left)]
     result: Floats = high - table[np.ix_(bottom, right)] + table[np.ix_(bottom, left)]
+    return result
+
+
+def _without_rest(parts: list[Floats], least: float) -> Floats:
+    light = np.stack(parts)
+    result: Floats = np.where(light > least, light, 0.0)
     return result
 
 

@@ -142,6 +142,33 @@ def test_the_peak_and_the_evenness_of_an_even_plane() -> None:
     assert (np.abs(values - 1.0) <= 2.0 * errors).mean(axis=0).min() >= 0.85
 
 
+@pytest.mark.parametrize("dark", [0.0, 0.002, 0.05, 1.0])
+def test_the_least_of_a_plane_whose_half_is_dark_is_not_surer_than_its_rays(dark: float) -> None:
+    """A half that no ray met may hold one: what is read covers the true part of the mean."""
+    cells, within, errors = (40, 30), [], []
+    true = np.full(cells[::-1], 10.0)
+    true[:, 20:] = dark
+    for seed in range(100):
+        counts = np.random.default_rng(seed).poisson(true)
+        image = DetectorImage(
+            detector=Detector(name="wall", kind="plane", cells=cells, size=(40.0, 30.0)),
+            channel_set=far_field(lambda g, c: 0.0 * (g + c), (4, 4)).channel_set,
+            flux_unit="lm",
+            length_unit="m",
+            channels=np.repeat(counts[:, :, None] / 10.0, 3, axis=2) / 3.0,
+            variance=counts / 100.0,
+            rays=counts,
+        )
+        numbers = readings(image, image.density(), "lx")
+        value, error = numbers["min_over_mean"], numbers["min_over_mean_se"]
+        within.append(abs(value - dark / true.mean()) <= 2.0 * error)
+        errors.append(error)
+        assert counts[:, 20:].any() or "min_over_mean" in numbers["doubtful"]
+    # Poisson: a half of 600 cells without a ray has less than 1.14 rays with 68 %
+    assert min(errors) > 0.8 / 600.0 / true.mean()
+    assert np.mean(within) >= 0.85
+
+
 def test_few_rays_are_marked_and_none_have_no_angle() -> None:
     flux = flux_of(gaussian(30.0), 90.0, (24, 45))
     few = drawn(flux, 12, 1, 90.0)
