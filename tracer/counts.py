@@ -128,7 +128,8 @@ class DetectorCount:
         """
         sent = self.cells.emitted
         own = np.divide(self.radiant, sent, out=np.zeros(len(sent)), where=sent > 0)
-        mean = float(self.radiant.sum()) / max(float(sent.sum()), 1.0)
+        # Sources that sent nothing (switched off) are not in the reader's factor either
+        mean = float(self.radiant[sent > 0].sum()) / max(float(sent.sum()), 1.0)
         weights = own / mean if mean > 0.0 else np.ones(len(sent))
         return (
             np.asarray(np.tensordot(weights, self.by_channel, axes=1)),

@@ -105,7 +105,8 @@ class Tally:
             return np.arange(n)
         known: dict[tuple[Any, ...], int] = {}
         kinds = [
-            (item.flux, item.parameters.get("share"), worth.tobytes())
+            # One that is switched off has flux but no rays: it shares its sums with none that is on
+            (item.flux, item.parameters.get("share"), item.parameters.get("on"), worth.tobytes())
             for item, worth in zip(self.directory.sources, self._worth, strict=True)
         ]
         return np.array([known.setdefault(kind, len(known)) for kind in kinds], np.int64)

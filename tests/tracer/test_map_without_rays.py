@@ -74,6 +74,53 @@ def test_pictures_are_those_of_the_map_with_rays(tmp_path: Path, share: float) -
             assert own.total == pytest.approx(count.total, rel=1e-9)
 
 
+DARK = """
+[sources.dark]
+kind = "point"
+flux = 30
+share = 1
+on = false
+[detectors.eye]
+kind = "pinhole"
+position = [100, 0, -30]
+looks = [0, 0, 1]
+cells = [2, 2]
+field_deg = 40
+[surfaces.paper]
+kind = "lambertian"
+reflectance = 0.5
+[bodies.sheet]
+kind = "rectangle"
+position = [100, 0, 1.5]
+size = [4, 4]
+surface = "paper"
+"""
+
+
+@pytest.mark.parametrize("most_values", [2**24, 0])
+def test_a_source_that_is_off_changes_no_flux(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, most_values: int
+) -> None:
+    """A sixth of the light of what is on; also where sources of one kind share their sums."""
+    monkeypatch.setattr("tracer.tally._MOST_VALUES", most_values)
+    text = SCENE.format(share=1.0) + DARK
+    record(parse_scene(text), tmp_path / "rays.raymap", rays=20_000)
+    result = record(parse_scene(text), tmp_path / "sums.raymap", rays=20_000, no_rays=True)
+    with (
+        raymap.open(tmp_path / "rays.raymap") as whole,
+        raymap.open(tmp_path / "sums.raymap") as sums,
+    ):
+        for name, flux in (("left", 1.0), ("right", 5.0)):
+            count = result.detectors[name]
+            assert count.total == pytest.approx(flux, abs=4.5 * count.total_se)
+            assert count.total == pytest.approx(query.detector_image(whole, name).total, rel=1e-6)
+            assert count.total == pytest.approx(query.detector_image(sums, name).total, rel=1e-6)
+        seen = result.detectors["eye"].total
+        assert seen > 0.0
+        assert seen == pytest.approx(query.detector_image(whole, "eye").total, rel=1e-6)
+        assert seen == pytest.approx(query.detector_image(sums, "eye").total, rel=1e-6)
+
+
 def test_the_commands_read_it_or_say_that_it_has_no_rays(tmp_path: Path, run: Any) -> None:
     path = tmp_path / "sums.raymap"
     code, out, error = run("record", scene(tmp_path), "-o", path, "--no-rays", "--rays", 2_000)

@@ -218,7 +218,8 @@ class Pinholes:
     def counts(self, emitted: I64) -> dict[str, DetectorCount]:
         """What the pinholes have seen of so many rays per source, by name."""
         directory = self.compilation.directory
-        flux = np.array([sum(source.flux for source in directory.sources)])
+        lit = _lit_sources(self.compilation)
+        flux = np.array([sum(directory.sources[k].flux for k in lit.tolist())])
         rays = np.array([float(emitted.sum())])
         found = {}
         for k in self.detectors:
@@ -255,11 +256,17 @@ class Pinholes:
 
 
 def _common_light(compilation: Compilation) -> tuple[F64, F64]:
-    """Radiant flux of all sources, (1,), and the worth of each channel's light, (1, n_channels)."""
+    """Radiant flux of all lit sources, (1,); worth of each channel's light, (1, n_channels)."""
     light = Photometry(compilation.directory, compilation.channel_set)
-    total = light.radiant_fluxes.sum()
+    lit = _lit_sources(compilation)
+    total = light.radiant_fluxes[lit].sum()
     by_channel = light.flux_by_channel(np.ones(len(light.efficacy)))
-    return np.array([total]), (by_channel * (total / light.fluxes.sum()))[None]
+    return np.array([total]), (by_channel * (total / light.fluxes[lit].sum()))[None]
+
+
+def _lit_sources(compilation: Compilation) -> I64:
+    """Sources that send rays: those that are switched off have no part in what is seen."""
+    return np.unique(compilation.arrays.pattern).astype(np.int64)
 
 
 def _relative_flux(compilation: Compilation) -> F64:
@@ -267,7 +274,7 @@ def _relative_flux(compilation: Compilation) -> F64:
     pattern = compilation.arrays.pattern
     fluxes = Photometry(compilation.directory, compilation.channel_set).radiant_fluxes
     turns = np.bincount(pattern, minlength=len(fluxes))
-    mean = fluxes.sum() / len(pattern)
+    mean = fluxes[turns > 0].sum() / len(pattern)
     return np.asarray(np.where(turns > 0, fluxes / np.maximum(turns, 1) / mean, 0.0))
 
 
