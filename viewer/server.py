@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import os
 import secrets
 import sys
@@ -31,7 +32,7 @@ def address(server: Any, token: str, session: str = "") -> str:
 def serve(
     ray_map: RayMap, *, state: ViewState | None = None, port: int = 0, browser: bool = True
 ) -> None:
-    """Serve the application until Ctrl-C.
+    """Serve the application until SIGINT (Ctrl-C) or SIGTERM.
 
     Parameters
     ----------
@@ -40,6 +41,8 @@ def serve(
     port : 0 takes a free one
     browser : open the page
     """
+    from aiohttp.web_runner import GracefulExit
+
     token = secrets.token_urlsafe(18)
     browsers = Browsers(ray_map, state, token)
 
@@ -51,7 +54,9 @@ def serve(
 
     browsers.server.controller.on_server_ready.add(ready)
     try:
-        asyncio.run(browsers.run(port))
+        # Being asked to stop is how this ends: aiohttp would leave with status 1
+        with contextlib.suppress(GracefulExit):
+            asyncio.run(browsers.run(port))
     except OSError as error:
         raise RayMapError(
             f"cannot serve at port {port}: {os.strerror(error.errno or 0)}; "

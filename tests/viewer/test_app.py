@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -227,3 +230,16 @@ def test_a_wrong_criterion_is_refused_before_the_application_opens(
     assert not opened
     assert run("view", map_path, "--no-browser", "-c", 'hit("L1")')[0] == 0
     assert opened == ['hit("L1")']
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
+@pytest.mark.parametrize("asked", [signal.SIGINT, signal.SIGTERM])
+def test_being_asked_to_stop_is_no_failure(map_path: Path, asked: signal.Signals) -> None:
+    command = [sys.executable, "-m", "raymap", "view", str(map_path), "--no-browser"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as running:
+        assert running.stdout is not None
+        while b"Ctrl-C" not in (line := running.stdout.readline()):
+            assert line
+        running.send_signal(asked)
+        _, said = running.communicate(timeout=60)
+    assert (running.returncode, said) == (0, b"")

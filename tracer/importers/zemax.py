@@ -54,6 +54,7 @@ _CURVATURE_PICKUP = 4
 _PLACEHOLDERS = {(1.5, 40.0), (1.5, 50.0), (0.0, 0.0)}
 """Index and Abbe number that programs write beside a catalogue's glass without meaning them."""
 
+_LEAST_INDEX = 0.9
 _MOST_COEFFICIENTS = 6
 _MERIT_VALUES = 8
 _NORMAL_C, _NORMAL_ATM = 20.0, 1.0
@@ -460,8 +461,12 @@ class _Reader:
             return None, False
         values = (self._optional(line, 3), self._optional(line, 4))
         if solve == _MODEL or "___BLANK" in name.upper():
-            if values[0] <= 1.0:
-                raise self.fail(line.place, f"a model glass of index {values[0]:g} is not a glass")
+            # Relative to air a vacuum or light gas is a little below 1
+            if values[0] < _LEAST_INDEX:
+                raise self.fail(
+                    line.place,
+                    f"a model glass of index {values[0]:g} is not a glass (least {_LEAST_INDEX:g})",
+                )
             if self._optional(line, 5) != 0.0:
                 self.warn(
                     f"{line.place}: the partial dispersion of its model glass deviates by "

@@ -23,6 +23,7 @@ __all__ = ["read"]
 
 _MOST_ANGLES = 100_000
 _DIFFERENCE = 0.05
+_STEP_ROUNDING_DEG = 0.05
 
 
 class _Lines:
@@ -98,10 +99,10 @@ def read(path: Path) -> IntensityGrid:
     lines.skip(2)
     symmetry = lines.count("the symmetry (0 to 4)", 0)
     n_planes = lines.count("the number of C planes", 1)
-    lines.skip(1)
+    c_step = lines.number("the step between C planes")
     n_gamma = lines.count("the number of gamma angles", 2)
+    gamma_step = lines.number("the step between gamma angles")
     lines.skip(8)
-    lines.skip(1)
     length, width = lines.number("a length"), lines.number("a width")
     heights = tuple(lines.number("the height of a luminous side") for _ in range(4))
     lines.skip(1)
@@ -132,6 +133,8 @@ def read(path: Path) -> IntensityGrid:
         name=path.name,
     )
     _warn(path.name, grid.flux, lamp_flux * ratio, sets, tilt)
+    _warn_of_steps(path.name, "C planes", c_step, planes)
+    _warn_of_steps(path.name, "gamma angles", gamma_step, gamma)
     return grid
 
 
@@ -150,6 +153,20 @@ def _warn(name: str, found: float, stated: float, sets: int, tilt: float) -> Non
             f"would make {stated:.6g} lm (flux = {stated:.6g} in the scene takes that)",
             stacklevel=4,
         )
+
+
+def _warn_of_steps(name: str, what: str, stated: float, angles: NDArray[np.float64]) -> None:
+    """Name a stated step that the list of angles does not have; 0 states unequal steps."""
+    steps = np.diff(angles)
+    if stated == 0.0 or not len(steps) or np.all(np.abs(steps - stated) <= _STEP_ROUNDING_DEG):
+        return
+    low, high = float(steps.min()), float(steps.max())
+    found = f"{low:g}" if low == high else f"{low:g} to {high:g}"
+    warnings.warn(
+        f"{name}: states {what} {stated:g} degrees apart, and lists them {found} degrees apart; "
+        "the list is taken",
+        stacklevel=4,
+    )
 
 
 def _planes(name: str, symmetry: int, planes: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -179,6 +179,20 @@ def test_all_fields_are_read(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.parametrize("index", [0.999982, 0.95])
+def test_a_gas_that_is_thinner_than_air_is_a_model_glass(index: float, tmp_path: Path) -> None:
+    """The lens maker's equation holds below an index of 1, too."""
+    model = FRONT.replace("N-BK7 0 0 1.5 40", f"___BLANK 1 0 {index} 50")
+    lens, said = opened(tmp_path, zemax(model, BACK, IMAGE))
+    assert lens.design()["efl"] == pytest.approx(thick(50, -50, 5, index), rel=1e-4), said
+
+
+def test_an_index_of_no_matter_is_refused(tmp_path: Path) -> None:
+    model = FRONT.replace("N-BK7 0 0 1.5 40", "___BLANK 1 0 0.5 50")
+    with pytest.raises(SceneError, match=r"index 0\.5 is not a glass \(least 0\.9\)"):
+        opened(tmp_path, zemax(model, BACK, IMAGE))
+
+
 @pytest.mark.parametrize(
     ("head", "words"),
     [

@@ -211,6 +211,26 @@ def test_a_lamp_measured_at_a_tilt_is_named(tmp_path: Path) -> None:
         read(path)
 
 
+@pytest.mark.parametrize(
+    ("line", "step", "said"),
+    [
+        (5, "15", r"C planes 15 degrees apart, and lists them 5 degrees apart"),
+        (7, "2.5", r"gamma angles 2\.5 degrees apart, and lists them .* degrees apart"),
+    ],
+)
+def test_steps_that_the_lists_of_angles_do_not_have_are_named(
+    line: int, step: str, said: str, tmp_path: Path
+) -> None:
+    """The format states the steps Dc and Dg beside the lists; 0 where they are unequal."""
+    lines = (FILES / "projector.ldt").read_text("latin-1").splitlines()
+    lines[line - 1] = step
+    path = tmp_path / "steps.ldt"
+    path.write_text("\n".join(lines), "latin-1")
+    with pytest.warns(UserWarning, match=said):
+        grid = read(path)
+    np.testing.assert_array_equal(grid.intensity, read(FILES / "projector.ldt").intensity)
+
+
 # -- text ---------------------------------------------------------------------------------------
 
 
