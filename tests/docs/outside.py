@@ -20,6 +20,7 @@ SCHEDULER = "tcp://host:8786"
 WEB = "https://example.org/"
 SERVICE = "grpc://localhost:36413"
 TOKEN = "0Zx…"
+SECRET = "a-token-for-the-tests"
 
 
 class _Ranges(SimpleHTTPRequestHandler):
@@ -57,6 +58,20 @@ def web(folder: Path, stack: ExitStack) -> str:
     return f"http://127.0.0.1:{server.server_address[1]}/"
 
 
+def served(folder: Path, stack: ExitStack) -> str:
+    """A service of this process for the files of a folder; its address. The token is `SECRET`."""
+    from service import Limits, RaymapService
+
+    limits = Limits(turn_seconds=30, search_seconds=60, spare_workers=0)
+    service = RaymapService(folder, SECRET, threads=1, browser=False, limits=limits)
+    thread = threading.Thread(target=service.serve, daemon=True)
+    thread.start()
+    stack.callback(service.close)
+    stack.callback(thread.join, 20)
+    stack.callback(service.shutdown)
+    return service.address
+
+
 def outside(text: str, folder: Path, stack: ExitStack) -> str:
     """The text with addresses of this machine in place of those that a page names."""
     if SCHEDULER in text:
@@ -71,6 +86,8 @@ def outside(text: str, folder: Path, stack: ExitStack) -> str:
         text = text.replace(SCHEDULER, cluster.scheduler_address)
     if WEB in text:
         text = text.replace(WEB, web(folder, stack))
+    if SERVICE in text:
+        text = text.replace(SERVICE, served(folder, stack)).replace(TOKEN, SECRET)
     return text
 
 

@@ -7,10 +7,14 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+from tests.docs.blocks import ROOT
 from tests.raymap.foreign.test_zrd import TREES, write_zrd
 
-ROOT = Path(__file__).parents[2]
 Run = Callable[..., tuple[int, str, str]]
+
+FEW_RAYS = 20_000
+RECORDED = 2_000_000
+"""Rays of the map that the pages call lens.raymap, and of the one that stands in for it."""
 
 LAMP = """
 length_unit = "mm"
@@ -68,8 +72,10 @@ def step_part(folder: Path, run: Run) -> None:
 
     from tests.tracer.importers.step_files import Part, write_step
 
-    shape = BRepPrimAPI_MakeBox(10.0, 20.0, 30.0).Shape()
-    write_step(folder / "housing.step", [Part("lightguide", shape)])
+    lightguide = BRepPrimAPI_MakeBox(10.0, 20.0, 30.0).Shape()
+    screw = BRepPrimAPI_MakeBox(1.0, 1.0, 5.0).Shape()
+    parts = [Part("lightguide", lightguide), Part("screw_1", screw, places=((50.0, 0.0, 0.0),))]
+    write_step(folder / "housing.step", parts)
 
 
 def cluster(folder: Path, run: Run) -> None:
@@ -123,13 +129,10 @@ def luminaire(folder: Path, run: Run) -> None:
 
 
 def material(folder: Path, run: Run) -> None:
-    """The material file of the page, its tables filled in."""
     page = (ROOT / "docs/scattering.md").read_text(encoding="utf-8")
     [text] = [b for b in re.findall(r"```toml\n(.*?)```", page, re.S) if b.startswith("[media.")]
     (folder / "fitted").mkdir()
-    filled = text.replace("[430, …]", "[430, 700]").replace("[0.033, …]", "[0.033, 0.02]")
-    filled = filled.replace("[3.1, …]", "[3.1, 2.8]")
-    (folder / "fitted" / "opal_B.material.toml").write_text(filled, encoding="utf-8")
+    (folder / "fitted" / "opal_B.material.toml").write_text(text, encoding="utf-8")
 
 
 PREPARE: dict[str, Callable[[Path, Run], None]] = {
@@ -144,3 +147,15 @@ PREPARE: dict[str, Callable[[Path, Run], None]] = {
     "docs/scenes.md": luminaire,
     "docs/viewer.md": lamp,
 }
+
+
+def own_folder(page: str, own: Path, folder: Path, run: Run) -> Path:
+    """A folder for one page with the samples, a map of the lens, and what the page needs."""
+    if not (folder / "few").exists():
+        (folder / "few").mkdir()
+        lens_map(folder / "few", run, FEW_RAYS)
+    own.mkdir()
+    (own / "samples").symlink_to(folder / "samples", target_is_directory=True)
+    shutil.copy(folder / "few" / "lens.raymap", own)
+    PREPARE.get(page, lambda *_: None)(own, run)
+    return own

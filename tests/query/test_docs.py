@@ -1,4 +1,4 @@
-"""Every example of the criteria page is read, printed, translated to JSON and answered on a map."""
+"""Every criterion of the pages is read, printed, translated to JSON and answered on a map."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from query.grammar import parse
 from query.json_form import from_json
 from raymap import Detector, Directory, Face, Medium, SceneObject, Source, Surface
 from raymap.events import FAMILIES
+from tests.docs.blocks import blocks
 from tests.naive.interpreter import Interpreter
 from tests.naive.rays import rays_of
 from tests.query.random_maps import write_random_map
@@ -23,11 +24,9 @@ from tests.query.random_maps import write_random_map
 PAGE = (Path(__file__).parents[2] / "docs" / "criteria.md").read_text(encoding="utf-8")
 
 
-def blocks(kind: str) -> list[str]:
-    return re.findall(rf"```{kind}\n(.*?)```", PAGE, flags=re.DOTALL)
-
-
-EXAMPLES = [line for block in blocks("criteria") for line in block.splitlines() if line.strip()]
+CRITERIA, TREES = blocks("criteria"), blocks("json")
+BLOCKS = [*CRITERIA, *TREES]
+EXAMPLES = [line for block in CRITERIA for line in block.text.splitlines() if line.strip()]
 
 
 def lens(name: str) -> SceneObject:
@@ -85,29 +84,7 @@ def test_example(text: str, map: Any) -> None:
         assert answer == [ray.id for ray in rays_of(map) if oracle.ray(tree, ray)]
 
 
-def test_python_examples(map: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    names: dict[str, Any] = {}
-    monkeypatch.setattr(raymap, "open", lambda path: _Borrowed(map))
-    for block in blocks("python"):
-        exec(block, names)
-    for name in ("ghosts", "order", "rough", "blue", "glare", "here", "through"):
-        tree = names[name]
-        assert parse(str(tree)) == tree
-        query.select(map, tree)
-
-
 def test_json_example(map: Any) -> None:
-    for block in blocks("json"):
-        tree = from_json(json.loads(block))
+    for block in TREES:
+        tree = from_json(json.loads(block.text))
         assert query.select(map, tree).matched == query.select(map, str(tree)).matched
-
-
-class _Borrowed:
-    def __init__(self, map: Any) -> None:
-        self.map = map
-
-    def __enter__(self) -> Any:
-        return self.map
-
-    def __exit__(self, *error: object) -> None:
-        return None
