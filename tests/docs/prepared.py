@@ -7,7 +7,7 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-from tests.docs.blocks import ROOT
+from tests.docs.blocks import ROOT, blocks
 from tests.raymap.foreign.test_zrd import TREES, write_zrd
 
 Run = Callable[..., tuple[int, str, str]]
@@ -118,7 +118,9 @@ def lamp(folder: Path, run: Run) -> None:
 
 
 def plate(folder: Path, run: Run) -> None:
-    (folder / "scene.toml").write_text(PLATE_AND_SHEET, encoding="utf-8")
+    """A plate and a sheet, which the table of the page makes a polariser."""
+    [table] = [b for b in blocks("toml") if b.key == ("docs/polarization.md", "[trace]")]
+    (folder / "scene.toml").write_text(PLATE_AND_SHEET + table.text, encoding="utf-8")
 
 
 def luminaire(folder: Path, run: Run) -> None:

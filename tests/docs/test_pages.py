@@ -78,6 +78,8 @@ def shortened(command: Command, written: dict[str, float]) -> tuple[list[str], f
         rays = int(words[place])
         scale = max(rays / RAYS, 1.0)
         words[place] = str(min(rays, RAYS))
+    elif words[1] == "record":
+        words += ["--rays", str(FEW_RAYS)]
     if "-o" in words:
         written[words[words.index("-o") + 1]] = scale
     return [*words[1:], *SMALLER.get(words[1], ())], scale

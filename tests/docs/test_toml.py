@@ -82,6 +82,13 @@ def medium(block: Block, folder: Path, run: Run) -> None:
     accepted(folder, run, UNIT + block.text + plate + lamp)
 
 
+def polarised(block: Block, folder: Path, run: Run) -> None:
+    """A table of a scene that `own_folder` has written."""
+    text = (folder / "scene.toml").read_text(encoding="utf-8")
+    assert block.text in text
+    accepted(folder, run, text)
+
+
 def in_lumen(block: Block, folder: Path, run: Run) -> None:
     luminaire = ROOT / "tests" / "data" / "photometry" / "road_luminaire.ldt"
     (folder / luminaire.name).write_bytes(luminaire.read_bytes())
@@ -146,6 +153,7 @@ FRAGMENTS: dict[tuple[str, str], Callable[[Block, Path, Run], None]] = {
     ("docs/find_the_ghost.md", "[variants.pair.surfaces.half_percent]"): to_the_sample,
     ("docs/other_tracers.md", '1 = "lamp"            # sources'): names,
     ("docs/photometry.md", "[sources.street_lamp]"): in_lumen,
+    ("docs/polarization.md", "[trace]"): polarised,
     ("docs/ray_files.md", "[sources.led]"): ray_file,
     ("docs/lens_files.md", 'length_unit = "mm"'): lens_file,
     ("docs/samples/double_gauss.md", "[variants.ghosts]"): of_the_sample,
