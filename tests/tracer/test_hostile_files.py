@@ -64,6 +64,18 @@ def test_an_honest_picture_of_one_colour_is_read(tmp_path):
     assert read_picture(tmp_path, "a.png").shape == (1000, 1000, 3)
 
 
+def test_a_picture_costs_its_linear_values_and_little_more(tmp_path):
+    """24 bytes a pixel: three values in float64; the file's own three bytes are there beside it."""
+    pytest.importorskip("PIL")
+    (tmp_path / "a.png").write_bytes(_png(2000, 1000))
+    read_picture(tmp_path, "a.png")
+    tracemalloc.start()
+    read_picture(tmp_path, "a.png")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 1.4 * 24 * 2_000_000
+
+
 def _gltf(count, nodes, view):
     triangles = 100
     vertices = np.zeros((3 * triangles, 3), "<f4")
@@ -132,3 +144,62 @@ def test_nodes_that_place_a_mesh_many_times_pay_for_it(tmp_path, monkeypatch):
     (tmp_path / "a.glb").write_bytes(_gltf(300, 11, True))
     with pytest.raises(SceneError, match=r"a\.glb places 1100 triangles"):
         load_mesh(tmp_path / "a.glb")
+
+
+def _changed(change):
+    """A glTF file with another description."""
+    sound = _gltf(300, 1, True)
+    length = int.from_bytes(sound[12:16], "little")
+    described = json.loads(sound[20 : 20 + length])
+    change(described)
+    text = json.dumps(described).encode()
+    text += b" " * (-len(text) % 4)
+    rest = sound[20 + length :]
+    head = struct.pack("<II", 2, 20 + len(text) + len(rest))
+    return b"glTF" + head + struct.pack("<I4s", len(text), b"JSON") + text + rest
+
+
+def _many_primitives(described):
+    described["meshes"][0]["primitives"] *= 50_000
+
+
+def _few_nodes_of_many_primitives(described):
+    described["meshes"][0]["primitives"] *= 100
+    described["nodes"] = [{"mesh": 0}] * 100
+    described["scenes"][0]["nodes"] = list(range(100))
+
+
+def _twice_below(described):
+    # 2^60 ways to the last node
+    described["nodes"] = [{"children": [k + 1, k + 1]} for k in range(60)] + [{"mesh": 0}]
+
+
+def _ring(described):
+    described["nodes"] = [{"children": [1]}, {"children": [0], "mesh": 0}]
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (_gltf(300, 50_000, True), "has 100001 nodes, primitives or groups"),
+        (_changed(_many_primitives), "has 100001 nodes, primitives or groups"),
+        (_changed(_few_nodes_of_many_primitives), "has 10200 nodes, primitives or groups"),
+        (_changed(_twice_below), "glTF wants a tree"),
+        (_changed(_ring), "glTF wants a tree"),
+    ],
+)
+def test_nodes_and_primitives_of_a_mesh_file_are_paid_for(tmp_path, content, words):
+    """Refused before trimesh, which takes milliseconds for each, sees the file."""
+    pytest.importorskip("trimesh")
+    (tmp_path / "a.glb").write_bytes(content)
+    with pytest.raises(SceneError, match=words) as found:
+        load_mesh(tmp_path / "a.glb")
+    assert "\n" not in str(found.value)
+
+
+def test_groups_of_an_obj_file_are_paid_for(tmp_path):
+    pytest.importorskip("trimesh")
+    text = "v 0 0 0\nv 1 0 0\nv 0 1 0\n" + "g a\nf 1 2 3\n" * 5000
+    (tmp_path / "a.obj").write_text(text)
+    with pytest.raises(SceneError, match=r"a\.obj has 5000 nodes, primitives or groups"):
+        load_mesh(tmp_path / "a.obj")

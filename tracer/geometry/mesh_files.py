@@ -108,6 +108,10 @@ _TRIANGLES_FLOOR, _TRIANGLES_PER_BYTE = 2**22, 16
 _ZEROS = 2**20
 """Rows of a table of a glTF file that has no bytes."""
 
+_PARTS_FLOOR, _BYTES_PER_PART = 4096, 256
+"""Parts of any mesh file (nodes, primitives, groups), and bytes that pay for one more: trimesh takes
+milliseconds for each."""
+
 
 class _Beside:
     """Files that a mesh file names (buffers, materials): named by the scene through it."""
@@ -152,12 +156,16 @@ def _read(
             f"{', '.join(SUFFIXES)}"
         )
     if file.suffix.lower() in (".glb", ".gltf"):
-        _check_accessors(file, body)
+        _check_gltf(file, body)
     # What trimesh logs of files that it cannot read stands in our error
     logging.getLogger("trimesh").addHandler(logging.NullHandler())
     options: dict[str, Any] = {"process": False, "resolver": _Beside(file.parent)}
     if file.suffix.lower() == ".obj":
         options |= {"split_objects": True, "split_groups": True}
+        _check_parts(file, body, _obj_parts(file))
+    elif file.suffix.lower() in (".glb", ".gltf"):
+        # Nothing looks at textures, whose pixels may be many
+        options["skip_materials"] = True
     try:
         scene = trimesh.load_scene(file, **options)
     except OSError as error:
@@ -197,10 +205,12 @@ def _read(
     )
 
 
-def _check_accessors(file: Path, body: str) -> None:
-    """Refuse a glTF whose tables claim more rows than their bytes can hold.
+def _check_gltf(file: Path, body: str) -> None:
+    """Refuse a glTF file that claims more than its bytes can pay for, before trimesh reads it.
 
-    Tables without bytes are zeros, which trimesh makes before it looks at anything else.
+    Tables without bytes are zeros, which trimesh makes before it looks at anything else. Nodes that
+    stand below several others, which the standard forbids, are placed as often as there are ways to
+    them.
     """
     data = file.read_bytes()
     try:
@@ -217,10 +227,36 @@ def _check_accessors(file: Path, body: str) -> None:
                     f"mesh {body!r}: {file.name} claims a table of {rows} rows; its bytes hold at "
                     f"most {limit}"
                 )
+        nodes = described.get("nodes", [])
+        meshes = [len(mesh.get("primitives", [])) for mesh in described.get("meshes", [])]
+        placed = sum(meshes[node["mesh"]] for node in nodes if node.get("mesh") is not None)
+        _check_parts(file, body, len(nodes) + sum(meshes) + placed)
+        below = [int(child) for node in nodes for child in node.get("children", [])]
+        tops = [[int(node) for node in one.get("nodes", [])] for one in described.get("scenes", [])]
+        if any(len({*below, *top}) != len(below) + len(top) for top in tops or [[]]):
+            raise SceneError(
+                f"mesh {body!r}: {file.name} places a node below several others; glTF wants a tree"
+            )
     except (ValueError, TypeError, AttributeError, LookupError, RecursionError) as error:
         raise SceneError(
             f"mesh {body!r}: {file.name} cannot be read as a mesh (its glTF description: {error})"
         ) from None
+
+
+def _obj_parts(file: Path) -> int:
+    """Objects, groups and uses of materials of an OBJ file."""
+    with file.open("rb") as lines:
+        return sum(line.lstrip().startswith((b"o ", b"g ", b"usemtl ")) for line in lines)
+
+
+def _check_parts(file: Path, body: str, n: int) -> None:
+    """Refuse more nodes, primitives or groups than the file can pay for."""
+    limit = max(_PARTS_FLOOR, file.stat().st_size // _BYTES_PER_PART)
+    if n > limit:
+        raise SceneError(
+            f"mesh {body!r}: {file.name} has {n} nodes, primitives or groups; a file of its size "
+            f"may have {limit}; join them in the program that wrote it"
+        )
 
 
 def _check_count(scene: Any, nodes: list[Any], file: Path, body: str) -> None:

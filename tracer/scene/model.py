@@ -53,6 +53,10 @@ class Spectrum(Node):
     def model_post_init(self, context: Any) -> None:
         if (self.kind == "spectral") != (self.wavelengths_nm is not None):
             raise ValueError("wavelengths_nm goes with kind = 'spectral', and only with it")
+        if isinstance(self.wavelengths_nm, tuple) and len(self.wavelengths_nm) > MAX_CHANNELS:
+            raise ValueError(
+                f"{len(self.wavelengths_nm)} wavelengths; a map may have {MAX_CHANNELS} channels"
+            )
 
     def channels(self) -> Array:
         """Wavelength of each channel [nm]."""

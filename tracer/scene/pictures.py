@@ -46,19 +46,24 @@ def read_picture(folder: str | Path, file: str) -> Array:
     check_given(path, "picture", SceneError)
     pixels = _read(path)
     if pixels.ndim == 2:
-        pixels = np.repeat(pixels[:, :, None], 3, axis=2)
+        pixels = np.broadcast_to(pixels[:, :, None], (*pixels.shape, 3))
     if pixels.ndim != 3 or pixels.shape[2] not in (3, 4) or 0 in pixels.shape:
         raise SceneError(f"{path.name} is not a picture of rows, columns and R, G, B")
-    linear = _linear(pixels[:, :, :3])
-    if not np.all(np.isfinite(linear)) or linear.min() < 0.0:
+    linear = _linear(pixels[::-1, :, :3])
+    if not 0.0 <= float(linear.min()) <= float(linear.max()) < math.inf:
         raise SceneError(f"{path.name} holds negative light or values that are not numbers")
-    return np.ascontiguousarray(linear[::-1])
+    return linear
 
 
 def _linear(pixels: NDArray[Any]) -> Array:
+    """Contiguous linear values; of large pictures nothing else of that size is made."""
     if pixels.dtype.kind == "f":
-        return np.asarray(pixels, np.float64)
-    return np.asarray(decode_srgb(pixels / np.iinfo(pixels.dtype).max), np.float64)
+        return np.ascontiguousarray(pixels, np.float64)
+    largest = np.iinfo(pixels.dtype).max
+    if pixels.dtype in (np.uint8, np.uint16):
+        decoded = np.asarray(decode_srgb(np.arange(largest + 1) / largest), np.float64)
+        return decoded[pixels]
+    return np.ascontiguousarray(decode_srgb(pixels / largest), np.float64)
 
 
 def _read(path: Path) -> NDArray[Any]:
