@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from raymap.kernels import lean_kernel
 from raymap.limits import CELLS_FLOOR, CELLS_PER_BYTE, affordable
+from raymap.meetings import CheckedMeetings
 from raymap.schema import COLOR_SCALE
 from raymap.stored import StoredPortion
 
@@ -35,6 +36,7 @@ class DetectorSums:
         if portion.channel_set not in self._begun:
             self._begin(portion)
         meetings = portion.descriptors()
+        checked = CheckedMeetings.check(meetings.detector, meetings.cell, portion.map.detectors)
         if not meetings.registered.any():
             return
         records = np.repeat(np.arange(portion.n_records), portion.column("descriptor_count"))
@@ -43,9 +45,9 @@ class DetectorSums:
         emissions = portion.column("emission") if portion.grouped else None
         # Take the meetings detector by detector, those of each in their order
         registered = np.flatnonzero(meetings.registered)
-        owner = meetings.detector[registered]
+        owner = checked.detector[registered]
         order = registered[np.argsort(owner, kind="stable")]
-        met, first = np.unique(meetings.detector[order], return_index=True)
+        met, first = np.unique(checked.detector[order], return_index=True)
         for detector, rows in zip(met.tolist(), np.split(order, first[1:]), strict=True):
             known = self.sums.get((detector, portion.channel_set))
             if known is None:
@@ -55,7 +57,7 @@ class DetectorSums:
             last = np.full(known[0].shape[:2], -1, np.int64)
             part = np.zeros(known[0].shape)
             color = colors[records[rows]]
-            _count(meetings.cell[rows], weights[rays], emission, color, *known, last, part)
+            _count(checked.cell[rows], weights[rays], emission, color, *known, last, part)
 
     def _begin(self, portion: StoredPortion) -> None:
         """Begin the sums of all detectors in the channel set of a portion."""

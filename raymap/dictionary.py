@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.errors import InvalidPortion
-from raymap.itineraries import sum_colors, sum_weighted_colors
 from raymap.paths import PathDictionary
 from raymap.pathwords import (
     FaceColumns,
@@ -22,14 +21,12 @@ from raymap.pathwords import (
 )
 from raymap.portion import Portion
 from raymap.rows import offsets_of
-from raymap.schema import COLOR_SCALE
 from raymap.scratch import scratch
 
 __all__ = [
     "FoundPaths",
     "Itineraries",
     "PathMerger",
-    "color_sums",
     "find_paths",
     "itineraries_of",
 ]
@@ -394,30 +391,3 @@ def _grown(array: NDArray[Any], size: int) -> NDArray[Any]:
     out = np.zeros((size, *array.shape[1:]), array.dtype)
     out[: len(array)] = array
     return out
-
-
-def color_sums(
-    codes: NDArray[np.int32],
-    color_table: NDArray[np.uint16],
-    numbers: NDArray[np.uint32],
-    weight: NDArray[np.float32] | None,
-    n_paths: int,
-) -> NDArray[np.float64] | NDArray[np.uint64]:
-    """Sum of colour (x weight) at the rays' ends per path.
-
-    Parameters
-    ----------
-    codes : (n_rays,) colour code of each ray's last record
-
-    Returns
-    -------
-    sums : (n_paths, n_channels), in units of 1 / COLOR_SCALE and uint64 where no ray has a weight
-    """
-    n_channels = color_table.shape[1]
-    if weight is None:
-        exact = np.zeros((n_paths, n_channels), np.uint64)
-        sum_colors(codes, color_table, numbers, exact)
-        return exact
-    sums = np.zeros((n_paths, n_channels))
-    sum_weighted_colors(codes, color_table, numbers, weight, 1.0 / COLOR_SCALE, sums)
-    return sums

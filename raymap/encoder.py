@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.colors import runs_of_codes
+from raymap.colors import ColorCodes, runs_of_codes
 from raymap.dictionary import (
     FoundPaths,
     Itineraries,
-    color_sums,
     find_paths,
     itineraries_of,
 )
@@ -175,7 +174,8 @@ class PortionEncoder:
             sum_w = np.bincount(path_numbers, weight, n_paths).astype(np.float64)
             sum_w2 = squares_by_emission(path_numbers, weight, portion.emission, n_paths)
         ends = portion.color_code[offsets[1:] - 1]
-        sums = color_sums(ends, portion.color_table, path_numbers, portion.weight, n_paths)
+        codes = ColorCodes.check(ends, portion.color_table)
+        sums = codes.summed(path_numbers, portion.weight, n_paths)
         colors = (sums / COLOR_SCALE if sums.dtype == np.uint64 else sums).astype(np.float64)
         sets = [
             np.zeros((n_paths, 0)) for _ in range(max(len(channel_sets), portion.channel_set + 1))

@@ -1,4 +1,4 @@
-"""Compiled passes over the itineraries of rays: faces, primitives, sums, rebuilding of columns."""
+"""Compiled passes over the itineraries of rays: faces, primitives, rebuilding of columns."""
 
 from __future__ import annotations
 
@@ -8,14 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.kernels import lean_kernel
-from raymap.schema import COLOR_SCALE
 
 __all__ = [
     "assign_faces",
     "expand_points",
     "face_triangles",
-    "sum_colors",
-    "sum_weighted_colors",
 ]
 
 
@@ -106,44 +103,3 @@ def face_triangles(
             used += 1
         triangles[i] = triangle
     return used == explicit.size
-
-
-@lean_kernel
-def sum_colors(
-    codes: NDArray[np.int32],
-    color_table: NDArray[np.uint16],
-    numbers: NDArray[np.uint32],
-    sums: NDArray[np.uint64],
-) -> None:
-    """Add each ray's colour to its path, in units of 1/65535."""
-    n_channels = sums.shape[1]
-    for ray in range(codes.size):
-        code = codes[ray]
-        path = numbers[ray]
-        if code < n_channels:
-            sums[path, code] += np.uint64(COLOR_SCALE)
-        else:
-            for channel in range(n_channels):
-                sums[path, channel] += np.uint64(color_table[code - n_channels, channel])
-
-
-@lean_kernel
-def sum_weighted_colors(
-    codes: NDArray[np.int32],
-    color_table: NDArray[np.uint16],
-    numbers: NDArray[np.uint32],
-    weight: NDArray[np.float32],
-    scale: float,
-    sums: NDArray[np.float64],
-) -> None:
-    """Add each ray's weight x colour to its path."""
-    n_channels = sums.shape[1]
-    for ray in range(codes.size):
-        code = codes[ray]
-        path = numbers[ray]
-        w = np.float64(weight[ray])
-        if code < n_channels:
-            sums[path, code] += w
-        else:
-            for channel in range(n_channels):
-                sums[path, channel] += w * (scale * color_table[code - n_channels, channel])

@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from raymap.directory import Directory
+from raymap.errors import FormatError
 from raymap.kernels import inner_kernel, lean_kernel
 from raymap.schema import NORMAL_SCALE, UV_SCALE
 
-__all__ = ["DetectorTable", "compile_detectors", "cells_fit", "decode_meetings", "encode_meetings"]
+__all__ = [
+    "CheckedMeetings",
+    "DetectorTable",
+    "compile_detectors",
+    "decode_meetings",
+    "encode_meetings",
+]
 
 _SCALE = float(NORMAL_SCALE)
 _UV = float(UV_SCALE)
@@ -31,6 +39,40 @@ class DetectorTable(NamedTuple):
     frames: NDArray[np.float64]
     flat: NDArray[np.uint8]
     cells: NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CheckedMeetings:
+    """Meetings in cells that their detectors have; `check` alone makes them.
+
+    Attributes
+    ----------
+    detector : (n,) rows of the table
+    cell : (n, 2)
+    """
+
+    detector: NDArray[np.int16]
+    cell: NDArray[np.uint16]
+
+    @staticmethod
+    def check(
+        detector: NDArray[np.int16], cell: NDArray[np.uint16], table: DetectorTable
+    ) -> CheckedMeetings:
+        """Meetings that compiled loops may count.
+
+        Raises
+        ------
+        FormatError
+            A meeting is with a detector, or in a cell, that there is not.
+        """
+        n = len(detector)
+        if cell.shape != (n, 2):
+            raise FormatError(f"cells {cell.shape} of {n} meetings")
+        if n and not 0 <= int(detector.min()) <= int(detector.max()) < len(table.cells):
+            raise FormatError("a meeting is with a detector that the directory does not have")
+        if not _cells_fit(detector, cell, table.cells):
+            raise FormatError("a meeting is in a cell that its detector does not have")
+        return CheckedMeetings(detector, cell)
 
 
 def compile_detectors(directory: Directory) -> DetectorTable:
@@ -181,7 +223,7 @@ def decode_meetings(
 
 
 @lean_kernel
-def cells_fit(
+def _cells_fit(
     detector: NDArray[np.int16], cell: NDArray[np.uint16], cells: NDArray[np.int64]
 ) -> bool:
     """Whether every meeting is in a cell of its detector; detectors are within the table."""

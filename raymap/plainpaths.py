@@ -58,12 +58,7 @@ class PlainPaths(PathDictionary):
     def _sum_wc(self) -> tuple[NDArray[np.float64], ...]:
         portion = self._portion
         ends = portion.record_offsets()[1:] - 1
-        codes = portion.column("color_code")[ends]
-        table = portion.color_table()
-        from raymap.colors import colors_of_codes
-
-        colors = np.empty((portion.n_rays, table.shape[1]), np.uint16)
-        colors_of_codes(codes, table, colors)
+        colors = portion.color_codes(portion.column("color_code")[ends]).colors()
         sums = [np.zeros((portion.n_rays, 0)) for _ in portion._map.channel_sets]
         sums[portion.channel_set] = colors / COLOR_SCALE * self.sum_w[:, None]
         return tuple(sums)

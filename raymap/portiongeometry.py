@@ -49,10 +49,12 @@ class PortionGeometry(PortionStreams):
         return cell
 
     def _check_cells(self, detector: NDArray[np.int16], cell: NDArray[np.uint16]) -> None:
-        from raymap.meetings import cells_fit
+        from raymap.meetings import CheckedMeetings
 
-        if not cells_fit(detector, cell, self._map.detectors.cells):
-            raise self._damaged("a meeting is in a cell that its detector does not have")
+        try:
+            CheckedMeetings.check(detector, cell, self._map.detectors)
+        except FormatError as error:
+            raise self._damaged(str(error)) from None
 
     def _pair(self, names: tuple[str, ...], field: str) -> NDArray[np.uint16]:
         """Two of the streams of descriptors, without the others where they stand for themselves."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,9 @@ from raymap.portion import Portion
 from raymap.portiongeometry import PortionGeometry
 from raymap.schema import COLOR_SCALE, SEGMENT_DTYPE
 from raymap.streams import Scope, decode_column
+
+if TYPE_CHECKING:
+    from raymap.colors import ColorCodes
 
 __all__ = ["StoredPortion"]
 
@@ -118,10 +121,11 @@ class StoredPortion(PortionGeometry):
             return np.empty((0, n_channels), np.uint16)
         stored = self._stream("color.table", None, np.uint16, matrix=True)
         stored = stored.reshape(len(stored), -1)
+        # The last channel is left out, but for the only one
+        if stored.shape[1] != max(n_channels - 1, 1):
+            raise self._damaged(f"colour table has {stored.shape[1]} columns")
         if n_channels == 1:
             return stored
-        if stored.shape[1] != n_channels - 1:
-            raise self._damaged(f"colour table has {stored.shape[1] + 1} channels")
         last = COLOR_SCALE - stored.sum(1, dtype=np.int64)
         if len(last) and int(last.min()) < 0:
             raise self._damaged("a colour sums to more than one")
@@ -227,13 +231,16 @@ class StoredPortion(PortionGeometry):
             raise self._damaged(str(error)) from None
 
     def _column_color(self) -> NDArray[np.uint16]:
-        from raymap.colors import colors_of_codes
+        return self.color_codes(self._column_color_code()).colors()
 
-        codes = self._column_color_code()
-        table = self.color_table()
-        out = np.empty((self.n_records, table.shape[1]), np.uint16)
-        colors_of_codes(codes, table, out)
-        return out
+    def color_codes(self, codes: NDArray[np.int32]) -> ColorCodes:
+        """Codes of this portion, checked against its table of mixed colours."""
+        from raymap.colors import ColorCodes
+
+        try:
+            return ColorCodes.check(codes, self.color_table())
+        except FormatError as error:
+            raise self._damaged(str(error)) from None
 
     def _extra(self, name: str) -> NDArray[Any]:
         entries = self._streams[f"x:{name}"]

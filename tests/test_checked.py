@@ -1,8 +1,8 @@
 """Compiled code gets decoded paths and rays in checked form only: nothing else can make that form.
 
 The forms are `CheckedPaths` (every length and index of a dictionary checked against columns and
-directory), `PathDictionary` (the same with sums), and `RayContext` (rays whose paths were compared
-with the portion's own).
+directory), `PathDictionary` (the same with sums), `RayContext` (rays whose paths were compared
+with the portion's own), `PathColumns` (of these), `ColorCodes` and `CheckedMeetings`.
 """
 
 from __future__ import annotations
@@ -24,6 +24,9 @@ _MADE_IN = {
         "query/warm.py": ["_first_path"],
     },
     "RayContext": {"query/search.py": ["context"]},
+    "PathColumns": {"query/context.py": ["columns"]},
+    "ColorCodes": {"raymap/colors.py": ["check"]},
+    "CheckedMeetings": {"raymap/meetings.py": ["check"]},
     "MergedPaths": {"raymap/footer.py": ["read_merged"], "raymap/shards.py": ["merged"]},
 }
 

@@ -109,7 +109,7 @@ _ZEROS = 2**20
 """Rows of a table of a glTF file that has no bytes."""
 
 _PARTS_FLOOR, _BYTES_PER_PART = 4096, 256
-"""Parts of any mesh file (nodes, primitives, groups), and bytes that pay for one more: trimesh takes
+"""Nodes, primitives and groups of any mesh file, and bytes that pay for one more: trimesh takes
 milliseconds for each."""
 
 

@@ -62,7 +62,8 @@ def _linear(pixels: NDArray[Any]) -> Array:
     largest = np.iinfo(pixels.dtype).max
     if pixels.dtype in (np.uint8, np.uint16):
         decoded = np.asarray(decode_srgb(np.arange(largest + 1) / largest), np.float64)
-        return decoded[pixels]
+        own: Array = decoded[pixels]
+        return own
     return np.ascontiguousarray(decode_srgb(pixels / largest), np.float64)
 
 
