@@ -29,7 +29,7 @@ from raymap.layout import DIRECTORY, FOOTER, MAGIC, PATHS, PORTION, StreamEntry,
 from raymap.portionmeta import DESCRIPTOR_STREAMS, PortionMeta
 from raymap.streams import WHOLE, ZSTD
 from raymap.verify import verify
-from tests.fuzz.fuzz_values import Seed, put_together
+from tests.fuzz.fuzz_values import Seed, Stream, put_together
 from tests.raymap.maps import small_directory, write_small
 
 _QUESTIONS = ('hit("*", reflected)', "length > 10", 'detected("sensor")', 'last(hit("*"))')
@@ -427,3 +427,20 @@ def test_positions_whose_sum_overflows_are_read(tmp_path):
     path.write_bytes(put_together(seed.parts))
     with raymap.open(path) as ray_map:
         assert (ray_map.portions[0].column("position")[:, 1] == np.float32(3e38)).all()
+
+
+def test_a_table_of_colours_has_the_channels_of_its_map(tmp_path):
+    """One channel, and a table of two columns: light in a channel that there is not."""
+    one = raymap.ChannelSet(kind="spectral", wavelengths_nm=(550.0,))
+    path = tmp_path / "one.raymap"
+    write_small(path, n_portions=1, channels=one)
+    seed = Seed("one", path)
+    [part] = [part for part in seed.parts if part.tag == PORTION]
+    part.streams = [stream for stream in part.streams if stream.name != "color.table"]
+    part.streams.append(Stream("color.table", 2, 0, 2, np.full((3, 2), 32767, np.uint16)))
+    path.write_bytes(put_together(seed.parts))
+    with raymap.open(path) as ray_map:
+        with pytest.raises(raymap.DamagedPortion, match="colour table has 2 columns"):
+            ray_map.portions[0].color_table()
+        with pytest.raises(raymap.DamagedPortion, match="colour table has 2 columns"):
+            ray_map.portions[0].column("color")

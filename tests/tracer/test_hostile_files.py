@@ -12,6 +12,7 @@ import pytest
 
 from raymap.errors import SceneError
 from tracer.geometry.mesh_files import load_mesh
+from tracer.scene.model import Spectrum
 from tracer.scene.pictures import read_picture
 
 _MOST = 100 * 2**20
@@ -203,3 +204,9 @@ def test_groups_of_an_obj_file_are_paid_for(tmp_path):
     (tmp_path / "a.obj").write_text(text)
     with pytest.raises(SceneError, match=r"a\.obj has 5000 nodes, primitives or groups"):
         load_mesh(tmp_path / "a.obj")
+
+
+def test_a_scene_has_no_more_wavelengths_than_a_map():
+    Spectrum(kind="spectral", wavelengths_nm=tuple(range(1, 4097)))
+    with pytest.raises(ValueError, match="1000000 wavelengths; a map may have 4096 channels"):
+        Spectrum(kind="spectral", wavelengths_nm=tuple(range(1, 1_000_001)))
