@@ -159,5 +159,6 @@ def own_folder(page: str, own: Path, folder: Path, run: Run) -> Path:
     own.mkdir()
     (own / "samples").symlink_to(folder / "samples", target_is_directory=True)
     shutil.copy(folder / "few" / "lens.raymap", own)
-    PREPARE.get(page, lambda *_: None)(own, run)
+    if page in PREPARE:
+        PREPARE[page](own, run)
     return own

@@ -24,7 +24,8 @@ def number(token: str) -> float | None:
 
 def says(expected: str, got: str, scale: float, rough: float = 0.0) -> bool:
     """Whether a line of output says what a line of a page says."""
-    wanted, found = TOKEN.findall(expected), TOKEN.findall(got)
+    wanted: list[str] = TOKEN.findall(expected)
+    found: list[str] = TOKEN.findall(got)
     counts = [int(t.replace(",", "")) for t in re.findall(r"(?<!\S)\d[\d,]*(?!\S)", got)]
     fewest = min([c for c in counts if c > 20], default=0)
     spread = 6.0 / math.sqrt(fewest) if fewest else rough
@@ -36,7 +37,7 @@ def says(expected: str, got: str, scale: float, rough: float = 0.0) -> bool:
         if math.isclose(a, b, rel_tol=1e-9):
             return True
         if j and found[j - 1] == "±":
-            return 0.4 < b / (a * math.sqrt(scale)) < 2.5
+            return 0.4 * a < b / math.sqrt(scale) < 2.5 * a
         error = number(found[j + 2]) if found[j + 1 : j + 2] == ["±"] else None
         if error is not None:
             return abs(a - b) <= 6.0 * error

@@ -204,7 +204,8 @@ def test_python_blocks(
     page: str, folder: Path, run: Any, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
     own = own_folder(page, folder / f"python_{Path(page).stem}", folder, run)
-    PREPARE.get(page, lambda _: None)(own)
+    if page in PREPARE:
+        PREPARE[page](own)
     monkeypatch.chdir(own)
     monkeypatch.setenv("HOME", str(own))
     monkeypatch.delenv("XDG_CONFIG_HOME", raising=False)
@@ -230,7 +231,8 @@ def test_python_blocks(
             assert not printed or block in shown, f"{block} prints what the page does not show"
             if block in shown:
                 assert_shown(shown[block], printed, scale)
-        CHECK.get(page, lambda _: None)(names)
+        if page in CHECK:
+            CHECK[page](names)
 
 
 def assert_shown(output: Block, printed: str, scale: float) -> None:
