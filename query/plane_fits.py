@@ -43,10 +43,10 @@ def plane_fits(
     for reach in _REACHES:
         if reach and (not joins or reach > widest):
             return
-        *light, squares, area = (_sums(table, reach) for table in tables)
-        *light_near, _, area_near = (_sums(table, reach // 2) for table in tables)
+        *parts, squares, area = (_sums(table, reach) for table in tables)
+        *parts_near, _, area_near = (_sums(table, reach // 2) for table in tables)
         # Differences of large sums leave a rest where there is nothing
-        light, light_near = (_without_rest(parts, least) for parts in (light, light_near))
+        light, light_near = _without_rest(parts, least), _without_rest(parts_near, least)
         values = _over(light, area)
         departure = _PART * (values - _over(light_near, area_near))
         held = light.sum(axis=0)
