@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from raymap.cli import Json, Panel, emit_json
+from raymap.cli import Json, Panel, emit_json, warnings_on_stderr
 from raymap.doubt import FOOTNOTE, marked, with_doubts
 from raymap.extras import require
 from raymap.replacing import check_folder
@@ -61,7 +61,8 @@ def fit_scattering(
     if output is not None:
         require("matplotlib")
         check_folder(output)
-    measurement, settings = load_measurement(data)
+    with warnings_on_stderr():
+        measurement, settings = load_measurement(data)
     if gamma is not None:
         settings = settings.model_copy(update={"gamma": gamma})
     if monte_carlo is not None and monte_carlo not in measurement.wavelengths_nm:
