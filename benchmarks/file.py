@@ -32,8 +32,8 @@ import pyarrow.parquet as pq
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import raymap
-from raymap.portion import Portion
-from raymap.schema import DESCRIPTOR_DTYPE
+from raymap.model.portion import Portion
+from raymap.model.schema import DESCRIPTOR_DTYPE
 
 Columns = dict[str, np.ndarray[Any, Any]]
 

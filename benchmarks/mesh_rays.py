@@ -16,7 +16,7 @@ from importlib.metadata import version
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.kernels import lean_kernel
+from raymap.jit.kernels import lean_kernel
 from tracer.geometry.embree import INVALID, intersect
 from tracer.geometry.mesh import TriangleMesh, make_mesh
 from tracer.geometry.mesh_arrays import MeshScratch, mesh_scratch

@@ -27,8 +27,8 @@ from typing import Any
 
 import raymap
 from query import path_table, select
-from query.scan import default_threads
-from raymap.events import FAMILIES
+from query.engine.scan import default_threads
+from raymap.model.events import FAMILIES
 
 SAMPLE = Path(__file__).parents[1] / "samples" / "double_gauss.toml"
 
@@ -153,7 +153,7 @@ def compare(path: Path, folder: Path, repeat: int) -> dict[str, Any]:
     import duckdb
     import polars as pl
 
-    from raymap.arrow import export
+    from raymap.tables.arrow import export
 
     parquet = folder / "segments.parquet"
     report: dict[str, Any] = {}
@@ -225,7 +225,7 @@ def main() -> None:
     parser.add_argument("--map", type=Path, default=None, help="a large map that stands already")
     parser.add_argument("--keep", action="store_true")
     options = parser.parse_args()
-    from tracer.recording import record
+    from tracer.run.recording import record
 
     folder = Path(tempfile.mkdtemp(prefix="raymap-query-", dir=options.folder))
     try:

@@ -22,16 +22,16 @@ from typing import Any
 import numpy as np
 
 import raymap
-from raymap.directory import Directory, Source
-from viewer.camera import standard_view, view_matrix
-from viewer.colors import color_lines
-from viewer.inquiry import Inquiry
-from viewer.lines import build_lines
-from viewer.paint import finish, paint_bodies, paint_rays
-from viewer.picking import pick_segment
-from viewer.rays import DrawnRays
-from viewer.session import Session
-from viewer.state import ViewState
+from raymap.model.directory import Directory, Source
+from viewer.app.inquiry import Inquiry
+from viewer.app.session import Session
+from viewer.drawn.camera import standard_view, view_matrix
+from viewer.drawn.colors import color_lines
+from viewer.drawn.lines import build_lines
+from viewer.drawn.rays import DrawnRays
+from viewer.drawn.state import ViewState
+from viewer.paint.paint import finish, paint_bodies, paint_rays
+from viewer.paint.picking import pick_segment
 
 SEED = 7
 WIDTH, HEIGHT = 744, 848

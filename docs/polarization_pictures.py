@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from raymap.colorimetry import channel_display_rgb, encode_srgb
+from raymap.optics.colorimetry import channel_display_rgb, encode_srgb
 from tracer.crystals.media import biaxial, calcite
 from tracer.figures import save_figure, save_picture
 from tracer.lens import Glass, Lens

@@ -21,11 +21,11 @@ from PIL import Image
 
 import query
 import raymap
-from query.ghosts import ghost_matrix
-from raymap.photometry import displayed
+from query.answers.ghosts import ghost_matrix
+from raymap.optics.photometry import displayed
 from tracer import load_scene, record
 from viewer import ViewState, picture
-from viewer.state import Camera, Section
+from viewer.drawn.state import Camera, Section
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt

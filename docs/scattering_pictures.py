@@ -8,7 +8,7 @@ import numpy as np
 
 import raymap
 from query import detector_image
-from raymap.colorimetry import encode_srgb
+from raymap.optics.colorimetry import encode_srgb
 from tracer import record
 from tracer.figures import save_figure
 

@@ -22,9 +22,9 @@ from PIL import Image
 
 import query
 import raymap
-from query.ghosts import ghost_matrix
+from query.answers.ghosts import ghost_matrix
 from viewer import Section, ViewState, picture
-from viewer.server import RunningServer, run_in_thread
+from viewer.app.server import RunningServer, run_in_thread
 
 ROOT = Path(__file__).resolve().parent.parent
 IMAGES = ROOT / "docs" / "images"

@@ -9,7 +9,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from query.builders import (
+from query.expression.builders import (
     all_,
     angle_of_polarisation,
     as_criterion,
@@ -34,61 +34,61 @@ from query.builders import (
     source,
     wavelength,
 )
-from query.criteria import Criterion
-from raymap.events import Event
+from query.expression.criteria import Criterion
+from raymap.model.events import Event
 
 if TYPE_CHECKING:
-    from query.comparison import Comparison, compare
-    from query.energy import Audit, audit
-    from query.explanation import Explanation, explain
-    from query.filter_strings import translate
-    from query.ghosts import GhostMatrix, GhostTable, ghost_matrix, ghost_table
-    from query.grammar import parse
-    from query.illumination import Illumination, illuminated
-    from query.image_files import write_image
-    from query.images import detector_image, detector_images
-    from query.json_form import from_json
-    from query.pictures import DetectorImage
-    from query.ray_report import report
-    from query.rays_at_place import rays_at, write_ray_file
-    from query.scan import Progress
-    from query.selection import Selection
-    from query.selector import select, select_many
-    from query.sweeps import SweepRow, sweep
-    from query.tables import PathRow, PathTable, path_table
+    from query.answers.comparison import Comparison, compare
+    from query.answers.energy import Audit, audit
+    from query.answers.explanation import Explanation, explain
+    from query.answers.filter_strings import translate
+    from query.answers.ghosts import GhostMatrix, GhostTable, ghost_matrix, ghost_table
+    from query.answers.illumination import Illumination, illuminated
+    from query.answers.image_files import write_image
+    from query.answers.images import detector_image, detector_images
+    from query.answers.pictures import DetectorImage
+    from query.answers.ray_report import report
+    from query.answers.rays_at_place import rays_at, write_ray_file
+    from query.answers.selection import Selection
+    from query.answers.selector import select, select_many
+    from query.answers.sweeps import SweepRow, sweep
+    from query.answers.tables import PathRow, PathTable, path_table
+    from query.engine.scan import Progress
+    from query.expression.grammar import parse
+    from query.expression.json_form import from_json
 
 _LAZY = {
-    "Audit": "query.energy",
-    "Comparison": "query.comparison",
-    "DetectorImage": "query.pictures",
-    "Explanation": "query.explanation",
-    "GhostMatrix": "query.ghosts",
-    "GhostTable": "query.ghosts",
-    "Illumination": "query.illumination",
-    "PathRow": "query.tables",
-    "PathTable": "query.tables",
-    "Progress": "query.scan",
-    "Selection": "query.selection",
-    "SweepRow": "query.sweeps",
-    "audit": "query.energy",
-    "compare": "query.comparison",
-    "detector_image": "query.images",
-    "detector_images": "query.images",
-    "explain": "query.explanation",
-    "from_json": "query.json_form",
-    "ghost_matrix": "query.ghosts",
-    "ghost_table": "query.ghosts",
-    "illuminated": "query.illumination",
-    "parse": "query.grammar",
-    "path_table": "query.tables",
-    "rays_at": "query.rays_at_place",
-    "report": "query.ray_report",
-    "select": "query.selector",
-    "select_many": "query.selector",
-    "sweep": "query.sweeps",
-    "translate": "query.filter_strings",
-    "write_image": "query.image_files",
-    "write_ray_file": "query.rays_at_place",
+    "Audit": "query.answers.energy",
+    "Comparison": "query.answers.comparison",
+    "DetectorImage": "query.answers.pictures",
+    "Explanation": "query.answers.explanation",
+    "GhostMatrix": "query.answers.ghosts",
+    "GhostTable": "query.answers.ghosts",
+    "Illumination": "query.answers.illumination",
+    "PathRow": "query.answers.tables",
+    "PathTable": "query.answers.tables",
+    "Progress": "query.engine.scan",
+    "Selection": "query.answers.selection",
+    "SweepRow": "query.answers.sweeps",
+    "audit": "query.answers.energy",
+    "compare": "query.answers.comparison",
+    "detector_image": "query.answers.images",
+    "detector_images": "query.answers.images",
+    "explain": "query.answers.explanation",
+    "from_json": "query.expression.json_form",
+    "ghost_matrix": "query.answers.ghosts",
+    "ghost_table": "query.answers.ghosts",
+    "illuminated": "query.answers.illumination",
+    "parse": "query.expression.grammar",
+    "path_table": "query.answers.tables",
+    "rays_at": "query.answers.rays_at_place",
+    "report": "query.answers.ray_report",
+    "select": "query.answers.selector",
+    "select_many": "query.answers.selector",
+    "sweep": "query.answers.sweeps",
+    "translate": "query.answers.filter_strings",
+    "write_image": "query.answers.image_files",
+    "write_ray_file": "query.answers.rays_at_place",
 }
 
 __all__ = [

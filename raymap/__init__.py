@@ -21,10 +21,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from raymap.arrow import export
-    from raymap.checks import check_portion
-    from raymap.client import connect
-    from raymap.directory import (
+    from raymap.encoding.paths import MergedPaths, PathDictionary
+    from raymap.file.checks import check_portion
+    from raymap.file.opening import open
+    from raymap.file.reader import Damage, RayMap
+    from raymap.file.selection import copy_selection
+    from raymap.file.stored import StoredPortion
+    from raymap.file.writer import RayMapWriter
+    from raymap.model.directory import (
         BoundingSphere,
         ChannelSet,
         Detector,
@@ -38,7 +42,7 @@ if TYPE_CHECKING:
         Source,
         Surface,
     )
-    from raymap.errors import (
+    from raymap.model.errors import (
         CriterionError,
         DamagedPortion,
         DamageWarning,
@@ -57,22 +61,18 @@ if TYPE_CHECKING:
         UnknownName,
         UnsupportedVersion,
     )
-    from raymap.events import ENDINGS, FAMILIES, Event, event_names
-    from raymap.opening import open
-    from raymap.paths import MergedPaths, PathDictionary
-    from raymap.portion import Descriptors, Portion
-    from raymap.reader import Damage, RayMap
-    from raymap.rows import join_portions, take_rays
-    from raymap.schema import DESCRIPTOR_DTYPE, SEGMENT_DTYPE
-    from raymap.selection import copy_selection
-    from raymap.stored import StoredPortion
-    from raymap.writer import RayMapWriter
+    from raymap.model.events import ENDINGS, FAMILIES, Event, event_names
+    from raymap.model.portion import Descriptors, Portion
+    from raymap.model.rows import join_portions, take_rays
+    from raymap.model.schema import DESCRIPTOR_DTYPE, SEGMENT_DTYPE
+    from raymap.remote.client import connect
+    from raymap.tables.arrow import export
 
 _PLACES = {
-    "raymap.arrow": ["export"],
-    "raymap.checks": ["check_portion"],
-    "raymap.client": ["connect"],
-    "raymap.directory": [
+    "raymap.tables.arrow": ["export"],
+    "raymap.file.checks": ["check_portion"],
+    "raymap.remote.client": ["connect"],
+    "raymap.model.directory": [
         "BoundingSphere",
         "ChannelSet",
         "Detector",
@@ -86,7 +86,7 @@ _PLACES = {
         "Source",
         "Surface",
     ],
-    "raymap.errors": [
+    "raymap.model.errors": [
         "CriterionError",
         "DamageWarning",
         "DamagedPortion",
@@ -105,16 +105,16 @@ _PLACES = {
         "UnknownName",
         "UnsupportedVersion",
     ],
-    "raymap.events": ["ENDINGS", "FAMILIES", "Event", "event_names"],
-    "raymap.opening": ["open"],
-    "raymap.paths": ["MergedPaths", "PathDictionary"],
-    "raymap.portion": ["Descriptors", "Portion"],
-    "raymap.reader": ["Damage", "RayMap"],
-    "raymap.schema": ["DESCRIPTOR_DTYPE", "SEGMENT_DTYPE"],
-    "raymap.rows": ["join_portions", "take_rays"],
-    "raymap.selection": ["copy_selection"],
-    "raymap.stored": ["StoredPortion"],
-    "raymap.writer": ["RayMapWriter"],
+    "raymap.model.events": ["ENDINGS", "FAMILIES", "Event", "event_names"],
+    "raymap.file.opening": ["open"],
+    "raymap.encoding.paths": ["MergedPaths", "PathDictionary"],
+    "raymap.model.portion": ["Descriptors", "Portion"],
+    "raymap.file.reader": ["Damage", "RayMap"],
+    "raymap.model.schema": ["DESCRIPTOR_DTYPE", "SEGMENT_DTYPE"],
+    "raymap.model.rows": ["join_portions", "take_rays"],
+    "raymap.file.selection": ["copy_selection"],
+    "raymap.file.stored": ["StoredPortion"],
+    "raymap.file.writer": ["RayMapWriter"],
 }
 _HOME = {name: module for module, names in _PLACES.items() for name in names}
 

@@ -11,7 +11,7 @@ import sys
 from importlib.machinery import PathFinder
 from pathlib import Path
 
-from raymap.errors import RayMapError
+from raymap.model.errors import RayMapError
 
 __all__ = ["ROOMS", "check_room", "trusted_path"]
 

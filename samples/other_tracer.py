@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 import raymap
-from raymap.events import Event
+from raymap.model.events import Event
 
 PORTION = 2000
 MAX_POINTS = 64

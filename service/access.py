@@ -13,9 +13,9 @@ from typing import Any
 
 import pyarrow.flight as flight
 
-from raymap.errors import RayMapError
-from raymap.givenfile import given_bytes, given_text
-from raymap.protocol import TOKEN_HEADER, TOKEN_VARIABLE, encode_error
+from raymap.model.errors import RayMapError
+from raymap.model.givenfile import given_bytes, given_text
+from raymap.remote.protocol import TOKEN_HEADER, TOKEN_VARIABLE, encode_error
 from service.rights import EVERYTHING, Grant
 from service.tokens import TokenFile, digest_of
 

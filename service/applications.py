@@ -10,14 +10,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from raymap.errors import RayMapError
+from raymap.model.errors import RayMapError
 from service.library import Library
 from service.limits import Limits
 from service.requests import BadRequest, Request
 
 if TYPE_CHECKING:
-    from raymap.reader import RayMap
-    from viewer.server import RunningServer
+    from raymap.file.reader import RayMap
+    from viewer.app.server import RunningServer
 
 __all__ = ["Applications"]
 
@@ -99,9 +99,9 @@ class Applications:
     def _start(
         self, name: str, criterion: Any, detector: str | None, valid: Callable[[], bool]
     ) -> _Opened:
-        from viewer.panel_criterion import CriterionShelf
-        from viewer.server import run_in_thread
-        from viewer.state import ViewState
+        from viewer.app.server import run_in_thread
+        from viewer.drawn.state import ViewState
+        from viewer.panels.criterion import CriterionShelf
 
         ray_map = self.library.open(name)
         try:

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from raymap.errors import RayMapError
+from raymap.model.errors import RayMapError
 from service.access import Caller
 from service.limits import Busy, OutOfTime
 from service.metrics import Metrics

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from raymap.cli import Json, Panel, emit_json
+from raymap.cli.options import Json, Panel, emit_json
 
 __all__ = ["register"]
 
@@ -78,7 +78,7 @@ def serve(
     ] = False,
 ) -> None:
     """Serve a folder to other programs over Arrow Flight: load, record, ask, look."""
-    from raymap.errors import RayMapError
+    from raymap.model.errors import RayMapError
     from service.access import Tls, choose_token
     from service.limits import Limits
     from service.metrics import MetricsServer

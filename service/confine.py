@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
-from raymap.errors import RayMapError
+from raymap.model.errors import RayMapError
 
 __all__ = ["HeldFolder", "OutsideFolder", "ServedFolder"]
 
@@ -250,7 +250,7 @@ class ServedFolder:
 
     def map_paths(self, name: object) -> list[Path]:
         """The files of a map: itself, or those of a folder of maps, each of them inside."""
-        from raymap.shards import shard_paths
+        from raymap.file.shards import shard_paths
 
         found = self.path(name)
         if not found.is_dir():

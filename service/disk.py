@@ -17,7 +17,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from raymap.errors import RayMapError
+from raymap.model.errors import RayMapError
 from service.confine import OutsideFolder, ServedFolder
 from service.limits import Limits
 

@@ -21,7 +21,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from raymap.errors import RayMapError
+from raymap.model.errors import RayMapError
 from service.access import Tls
 from service.limits import Limits
 

@@ -11,7 +11,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Protocol
 
-from raymap.errors import RayMapError
+from raymap.model.errors import RayMapError
 from service.bounds import limit_process, permitted, read_only_from
 from service.confine import OutsideFolder, ServedFolder
 from service.library import check_inside
@@ -53,7 +53,7 @@ def record_scene(
     arguments: dict[str, Any], bounds: dict[str, Any], listener: Listener
 ) -> dict[str, Any]:
     """Record a scene, with news of the progress."""
-    from tracer.recording import record
+    from tracer.run.recording import record
 
     target = Path(arguments["map"])
     mirror = _begin(arguments, bounds, [target])
@@ -117,8 +117,8 @@ def paint_map(
     arguments: dict[str, Any], bounds: dict[str, Any], listener: Listener
 ) -> dict[str, Any]:
     """A picture of the scene of a map with selected rays, as PNG."""
-    from raymap.opening import open as open_map
-    from viewer.rendering import encode_png, picture
+    from raymap.file.opening import open as open_map
+    from viewer.paint.rendering import encode_png, picture
 
     limit_process(**bounds)
     paths = [Path(path) for path in arguments["paths"]]
@@ -133,7 +133,7 @@ JOBS = {"scene": describe_scene, "record": record_scene, "picture": paint_map}
 
 def _begin(arguments: dict[str, Any], bounds: dict[str, Any], written: list[Path]) -> SceneMirror:
     """Set the bounds of this process, and open no file but through the mirror."""
-    from raymap.compilecache import cache_folder
+    from raymap.jit.compilecache import cache_folder
 
     folder = ServedFolder(arguments["folder"])
     private = Path(tempfile.gettempdir())
@@ -168,7 +168,7 @@ def _compile(arguments: dict[str, Any], mirror: SceneMirror) -> Any:
 
 
 def _read(path: Path, name: str) -> str:
-    from raymap.errors import SceneError
+    from raymap.model.errors import SceneError
 
     with suppress(FileNotFoundError):
         try:

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from raymap.errors import NotARayMap
-from raymap.opening import open as open_map
+from raymap.file.opening import open as open_map
+from raymap.model.errors import NotARayMap
 from service.confine import OutsideFolder, ServedFolder
 
 if TYPE_CHECKING:
-    from raymap.reader import RayMap
+    from raymap.file.reader import RayMap
 
 __all__ = ["Library", "check_inside"]
 

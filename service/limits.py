@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-from raymap.errors import RayMapError
+from raymap.model.errors import RayMapError
 
 __all__ = ["Busy", "Deadline", "Gate", "Limits", "OutOfTime", "Shares"]
 

@@ -11,7 +11,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 import raymap
-from raymap.errors import RayMapError
+from raymap.model.errors import RayMapError
 
 __all__ = ["Metrics", "MetricsServer"]
 

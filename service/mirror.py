@@ -11,7 +11,7 @@ import os
 import shutil
 from pathlib import Path
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from service.bounds import permitted
 from service.confine import OutsideFolder, ServedFolder
 

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from raymap.errors import RayMapError
-from raymap.shards import SUFFIX
+from raymap.file.shards import SUFFIX
+from raymap.model.errors import RayMapError
 from service.confine import ServedFolder
 from service.disk import Disk
 from service.limits import Gate

@@ -6,7 +6,7 @@ import json
 import math
 from typing import Any
 
-from raymap.errors import CriterionError, RayMapError
+from raymap.model.errors import CriterionError, RayMapError
 from service.limits import Limits
 
 __all__ = ["BadRequest", "Request"]

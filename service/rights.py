@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from raymap.errors import RayMapError
+from raymap.model.errors import RayMapError
 from service.confine import ServedFolder
 
 __all__ = ["ANY", "EVERYTHING", "NEEDS", "RIGHTS", "Grant", "NotAllowed", "read_rights"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from service.confine import ServedFolder
 from service.requests import BadRequest, Request
 

@@ -17,8 +17,8 @@ import pyarrow as pa
 import pyarrow.flight as flight
 
 import raymap
-from raymap.errors import RayMapError
-from raymap.protocol import PROTOCOL, encode_error
+from raymap.model.errors import RayMapError
+from raymap.remote.protocol import PROTOCOL, encode_error
 from service.access import Caller, Tls, TokenCheck, is_local
 from service.applications import Applications
 from service.calls import Calls

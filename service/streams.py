@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from raymap.colorimetry import encode_srgb
-from raymap.directory import ChannelSet
-from raymap.errors import RayMapError
-from raymap.photometry import colors_of_codes, displayed
+from raymap.model.directory import ChannelSet
+from raymap.model.errors import RayMapError
+from raymap.optics.colorimetry import encode_srgb
+from raymap.optics.photometry import colors_of_codes, displayed
 from service.library import Library
 from service.limits import Deadline, Gate
 from service.requests import Request
@@ -86,7 +86,7 @@ class Streams:
         gone: Gone,
     ) -> Any:  # fmt: skip
         """Map and selection, and the function that says whether the time is over."""
-        from query.selector import select
+        from query.answers.selector import select
 
         ray_map = stack.enter_context(self.library.map(name))
         with self.gate.turn():
@@ -118,7 +118,7 @@ class Streams:
 
     def _rays(self, request: Request, gone: Gone) -> Answer:
         """Everything that is recorded of the selected rays, as `raymap export` writes it."""
-        from raymap.arrow import batches, schema_of
+        from raymap.tables.arrow import batches, schema_of
 
         name, criterion, limit = self._selected(request)
         rows: Any = request.choice("rows", ("segments", "rays"), "segments")
@@ -154,7 +154,7 @@ class Streams:
         return Answer(_LINES, make())
 
     def _paths(self, request: Request, gone: Gone) -> Answer:
-        from query.tables import path_table
+        from query.answers.tables import path_table
 
         name, criterion = request.text("map"), request.criterion()
         by = request.choice("by", ("face", "object"), "face")
@@ -181,7 +181,7 @@ class Streams:
 
     def _image(self, request: Request, gone: Gone) -> Answer:
         """What the selected rays put on a detector, one row of cells per row of the table."""
-        from query.images import detector_image
+        from query.answers.images import detector_image
 
         name, criterion = request.text("map"), request.criterion()
         detector = request.text("detector")
@@ -234,7 +234,7 @@ class Streams:
 
     def _picture(self, request: Request, gone: Gone) -> Answer:
         """The scene with the selected rays, as a PNG."""
-        from viewer.state import COLOR_RULES
+        from viewer.drawn.state import COLOR_RULES
 
         name, criterion = request.text("map"), request.criterion()
         rays = request.whole("rays", 1, 200_000, 500)

@@ -18,10 +18,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from raymap.errors import RayMapError
-from raymap.givenfile import check_given, not_readable
-from raymap.locking import try_lock
-from raymap.replacing import check_place, replacing
+from raymap.bytes.locking import try_lock
+from raymap.model.errors import RayMapError
+from raymap.model.givenfile import check_given, not_readable
+from raymap.model.replacing import check_place, replacing
 from service.rights import Grant, read_rights
 
 __all__ = ["TokenFile", "default_token_file", "digest_of"]

@@ -7,7 +7,7 @@ import secrets
 from pathlib import Path
 from typing import Any
 
-from raymap.errors import MapExists, RayMapError
+from raymap.model.errors import MapExists, RayMapError
 from service.confine import OutsideFolder, ServedFolder
 from service.disk import Disk
 from service.requests import BadRequest, Request

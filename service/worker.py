@@ -15,8 +15,8 @@ from importlib import import_module
 from typing import Any
 
 MODULES = {
-    "scene": ("tracer.scene.compile", "tracer.recording", "tracer.importers.expand"),
-    "picture": ("viewer.rendering", "viewer.scene", "query.selector"),
+    "scene": ("tracer.scene.compile", "tracer.run.recording", "tracer.importers.expand"),
+    "picture": ("viewer.paint.rendering", "viewer.drawn.scene", "query.answers.selector"),
 }
 """What is imported before there is a job, by what the process is kept for."""
 
@@ -64,8 +64,8 @@ def main(kind: str) -> None:
     wire = Wire()
     for module in MODULES[kind]:
         import_module(module)
-    from raymap.errors import RayMapError
-    from raymap.protocol import encode_error
+    from raymap.model.errors import RayMapError
+    from raymap.remote.protocol import encode_error
     from service.jobs import JOBS
 
     job = wire.job()

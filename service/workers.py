@@ -23,9 +23,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from raymap import errors
-from raymap.errors import RayMapError
-from raymap.protocol import TOKEN_VARIABLE
+from raymap.model import errors
+from raymap.model.errors import RayMapError
+from raymap.remote.protocol import TOKEN_VARIABLE
 from raymap.rooms import trusted_path
 from service.confine import OutsideFolder
 from service.limits import OutOfTime

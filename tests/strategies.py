@@ -10,7 +10,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 import raymap
-from raymap.events import ENDINGS, Event
+from raymap.model.events import ENDINGS, Event
 
 __all__ = ["channel_sets", "directories", "make_portion", "portions"]
 

@@ -13,21 +13,21 @@ from pathlib import Path
 _ROOT = Path(__file__).resolve().parents[1]
 _ROOMS = ("raymap", "query", "tracer", "viewer", "service")
 _MADE_IN = {
-    "CheckedPaths": {"raymap/pathstreams.py": ["check_itineraries"]},
+    "CheckedPaths": {"raymap/encoding/pathstreams.py": ["check_itineraries"]},
     "PathDictionary": {
         # From checked columns
-        "raymap/portionstreams.py": ["_dictionary"],
-        "raymap/footer.py": ["read_merged"],
+        "raymap/file/portionstreams.py": ["_dictionary"],
+        "raymap/file/footer.py": ["read_merged"],
         # From what a tracer handed in, and from dictionaries that were checked
-        "raymap/dictionary.py": ["with_sums"],
+        "raymap/encoding/dictionary.py": ["with_sums"],
         # The first path of a checked one, to load compiled loops with
-        "query/warm.py": ["_first_path"],
+        "query/answers/warm.py": ["_first_path"],
     },
-    "RayContext": {"query/search.py": ["context"]},
-    "PathColumns": {"query/context.py": ["columns"]},
-    "ColorCodes": {"raymap/colors.py": ["check"]},
-    "CheckedMeetings": {"raymap/meetings.py": ["check"]},
-    "MergedPaths": {"raymap/footer.py": ["read_merged"], "raymap/shards.py": ["merged"]},
+    "RayContext": {"query/engine/search.py": ["context"]},
+    "PathColumns": {"query/engine/context.py": ["columns"]},
+    "ColorCodes": {"raymap/encoding/colors.py": ["check"]},
+    "CheckedMeetings": {"raymap/encoding/meetings.py": ["check"]},
+    "MergedPaths": {"raymap/file/footer.py": ["read_merged"], "raymap/file/shards.py": ["merged"]},
 }
 
 
@@ -54,7 +54,7 @@ def test_checked_forms_are_made_by_their_validators_alone():
 
 def test_rays_reach_contexts_through_one_comparison():
     """The rows of rays among merged paths are asked of one property, which compares first."""
-    source = (_ROOT / "query" / "search.py").read_text(encoding="utf-8")
+    source = (_ROOT / "query" / "engine" / "search.py").read_text(encoding="utf-8")
     tree = ast.parse(source)
     [portion_paths] = [
         node

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from raymap.colors import ColorCodes
-from raymap.errors import FormatError
-from raymap.meetings import CheckedMeetings, DetectorTable
+from raymap.encoding.colors import ColorCodes
+from raymap.encoding.meetings import CheckedMeetings, DetectorTable
+from raymap.model.errors import FormatError
 
 _ROOT = Path(__file__).resolve().parents[1]
 _WITH_KERNELS = ("raymap", "query", "viewer")
@@ -30,7 +30,7 @@ _FORMS = {
     ),
     "PathColumns": "made by Context.columns from checked dictionaries or compared rays",
     "Context": "columns of a PathContext (checked dictionary) or RayContext (compared rays)",
-    "Portion": "the writer: raymap.checks has compared every column before it is encoded",
+    "Portion": "the writer: raymap.file.checks has compared every column before it is encoded",
     "itself": "the loop compares each index with its array before it uses it",
     "called": "called by kernels alone, which stand in this table",
 }

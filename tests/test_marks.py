@@ -13,7 +13,7 @@ import pytest
 
 import query
 import raymap
-from raymap.doubt import FOOTNOTE, MARK, is_doubtful, with_doubts, with_error
+from raymap.model.doubt import FOOTNOTE, MARK, is_doubtful, with_doubts, with_error
 from tests.query.random_maps import write_random_map
 
 SCENE = """

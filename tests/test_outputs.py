@@ -18,8 +18,8 @@ import typer.main
 
 import raymap
 from raymap.cli import application
-from raymap.errors import RayMapError
-from raymap.exr import write_exr
+from raymap.model.errors import RayMapError
+from raymap.tables.exr import write_exr
 from tests.viewer.small_map import write_map
 from tracer.figures import save_figure, save_picture
 from tracer.render.images import write_animation, write_png
@@ -57,7 +57,7 @@ surface = "absorber"
 def originals(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """What the words in capitals stand for."""
     from query import select
-    from query.rays_at_place import write_ray_file
+    from query.answers.rays_at_place import write_ray_file
 
     folder = tmp_path_factory.mktemp("originals")
     path = write_map(folder / "small.raymap")

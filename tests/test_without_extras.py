@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 
 from raymap.cli import application
-from raymap.extras import EXTRAS
+from raymap.model.extras import EXTRAS
 from tests.raymap.maps import write_small
 
 ROOT = Path(__file__).parents[1]
@@ -81,16 +81,16 @@ LONG = ("render", "verify-crystals")
 """Commands that compile for long: left to the slow tests."""
 
 DRAWN = {
-    "chart": ("matplotlib", "query.images.detector_image"),
+    "chart": ("matplotlib", "query.answers.images.detector_image"),
     "fit-scattering": ("matplotlib", "tracer.scattering.fit_material.fit_material"),
     "goniophotometer": ("matplotlib", "tracer.scattering.goniophotometer.measure_plate"),
-    "image": ("tifffile", "query.images.detector_images"),
+    "image": ("tifffile", "query.answers.images.detector_images"),
     "lens-cone": ("matplotlib", "tracer.studies.cone.masked_cone"),
     "lens-levels": ("matplotlib", "tracer.studies.levels.level_shares"),
     "lens-picture": ("PIL", "tracer.studies.lens_pictures.lens_picture"),
     "lens-vignetting": ("matplotlib", "tracer.studies.vignetting.vignetting"),
     "microscope": ("PIL", "tracer.studies.microscope.conoscopy"),
-    "picture": ("PIL", "viewer.answers.draw_rays"),
+    "picture": ("PIL", "viewer.drawn.answers.draw_rays"),
 }
 """Commands that draw: the module that does, and what they compute before."""
 

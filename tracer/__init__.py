@@ -9,8 +9,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from tracer.recording import StoppedLight, record
-    from tracer.results import Progress, RecordResult
+    from tracer.run.recording import StoppedLight, record
+    from tracer.run.results import Progress, RecordResult
     from tracer.scene.compile import Compilation, compile_scene
     from tracer.scene.load import load_scene, parse_scene
     from tracer.scene.model import Scene
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from tracer.trace import TracedRays, trace_rays
 
 _PLACES = {
-    "tracer.recording": ["StoppedLight", "record"],
-    "tracer.results": ["Progress", "RecordResult"],
+    "tracer.run.recording": ["StoppedLight", "record"],
+    "tracer.run.results": ["Progress", "RecordResult"],
     "tracer.scene.compile": ["Compilation", "compile_scene"],
     "tracer.scene.load": ["load_scene", "parse_scene"],
     "tracer.scene.model": ["Scene"],

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from raymap.cli import Json, Panel, emit_json, warnings_on_stderr
-from raymap.doubt import FOOTNOTE, MARK, is_doubtful, marked
+from raymap.cli.options import Json, Panel, emit_json, warnings_on_stderr
+from raymap.model.doubt import FOOTNOTE, MARK, is_doubtful, marked
 
 if TYPE_CHECKING:
-    from tracer.results import Progress, RecordResult
+    from tracer.run.results import Progress, RecordResult
     from tracer.scene.model import Scene
 
 __all__ = ["register"]
@@ -79,8 +79,8 @@ def record(
     json: Json = False,
 ) -> None:
     """Trace a scene and record every light path."""
-    from tracer.recording import check_target, refuse_scene_file
-    from tracer.recording import record as record_scene
+    from tracer.run.recording import check_target, refuse_scene_file
+    from tracer.run.recording import record as record_scene
 
     if output is None and not no_rays:
         raise typer.BadParameter("name the map to write with -o MAP", param_hint="--output")
@@ -90,7 +90,7 @@ def record(
             check_target(output, force=force)
     loaded = _load(scene, variant, simulation)
     if scheduler is not None:
-        from raymap.cluster import scheduler_executor
+        from raymap.remote.cluster import scheduler_executor
     workers = contextlib.nullcontext() if scheduler is None else scheduler_executor(scheduler)
     with (
         _stopped_by_sigterm(),

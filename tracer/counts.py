@@ -2,8 +2,8 @@
 
 A ray of weight w that source s emitted carries the flux w y Φ_s/N_s, N_s being the rays (emissions,
 where they split) that the source sent, and y the worth of its colour, 1 for flux in watt
-(`raymap.photometry`). So sums are kept by groups of sources of one Φ_s/N_s and one colour until the
-trace has ended:
+(`raymap.optics.photometry`). So sums are kept by groups of sources of one Φ_s/N_s and one colour
+until the trace has ended:
 
     flux = Σ_s Φ_s/N_s Σwy,    se² = Σ_s (Φ_s/N_s)² [Σ(wy)² - (Σwy)²/N_s],
 
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.doubt import with_doubts
+from raymap.model.doubt import with_doubts
 
 __all__ = ["Count", "Counts", "DetectorCount", "add_counts"]
 
@@ -85,7 +85,7 @@ class DetectorCount:
     whole : flux by detector, no places
     by_channel : (G, cells_v, cells_u, n_channels) Σ w c
     squares_by_channel : (G, cells_v, cells_u, n_channels) Σ over emissions of (Σ w c)²
-    worth : (G, n_channels) worth of each channel's light (`raymap.photometry`)
+    worth : (G, n_channels) worth of each channel's light (`raymap.optics.photometry`)
     radiant : (G,) radiant flux of each group [W]
     """
 

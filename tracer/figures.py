@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from raymap.errors import RayMapError
-from raymap.extras import require
-from raymap.replacing import check_place, replacing
+from raymap.model.errors import RayMapError
+from raymap.model.extras import require
+from raymap.model.replacing import check_place, replacing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -24,8 +24,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from raymap.errors import SceneError
-from raymap.givenfile import check_given
+from raymap.model.errors import SceneError
+from raymap.model.givenfile import check_given
 
 __all__ = ["READERS", "IntensityGrid", "Opening", "RayList", "read_light"]
 

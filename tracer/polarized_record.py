@@ -21,11 +21,11 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.directory import ChannelSet, Directory, DisplayMesh
-from raymap.encoder import PortionEncoder
-from raymap.errors import SceneError
-from raymap.portion import Descriptors, Portion
-from raymap.schema import PORTION_RAYS
+from raymap.encoding.encoder import PortionEncoder
+from raymap.model.directory import ChannelSet, Directory, DisplayMesh
+from raymap.model.errors import SceneError
+from raymap.model.portion import Descriptors, Portion
+from raymap.model.schema import PORTION_RAYS
 from tracer.engine.polarized import (
     PolarizedColumns,
     RayColumns,
@@ -34,8 +34,8 @@ from tracer.engine.polarized import (
 )
 from tracer.engine.wavefront import Wavefront
 from tracer.geometry.kinds import MESH
-from tracer.recording import record
-from tracer.results import RecordResult, depth_limit
+from tracer.run.recording import record
+from tracer.run.results import RecordResult, depth_limit
 from tracer.scene.arrays import F_KIND, F_OBJECT, F_TRIANGLE
 from tracer.scene.compilations import compilation_of
 from tracer.scene.compile import Compilation
@@ -289,7 +289,7 @@ def record_polarized(
     scene : a scene file, a `Scene`, or a compilation
     path : of the map; without one only detectors count
     polarization : what is polarised; by default what the scene says
-    rays, options : as of `tracer.recording.record`
+    rays, options : as of `tracer.run.recording.record`
 
     Raises
     ------

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap import rayfiles
-from raymap.colorimetry import xyz_to_linear_srgb
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
+from raymap.optics.colorimetry import xyz_to_linear_srgb
 from raymap.rayfiles import FluxFrom, RayFileError, RaySet
 from tracer.light import RayList
 

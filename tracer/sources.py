@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.kernels import lean_kernel
+from raymap.jit.kernels import lean_kernel
 from tracer.engine.random import advance, stream_state, uniform
 from tracer.geometry.directions import (
     about,

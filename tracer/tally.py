@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.directory import ChannelSet, Directory
-from raymap.errors import SceneError
-from raymap.events import Event
-from raymap.kernels import inner_kernel, lean_kernel
-from raymap.photometry import Photometry
-from raymap.portion import Portion
-from raymap.schema import COLOR_SCALE
-from raymap.scratch import lazy_zeros
+from raymap.jit.kernels import inner_kernel, lean_kernel
+from raymap.jit.scratch import lazy_zeros
+from raymap.model.directory import ChannelSet, Directory
+from raymap.model.errors import SceneError
+from raymap.model.events import Event
+from raymap.model.portion import Portion
+from raymap.model.schema import COLOR_SCALE
+from raymap.optics.photometry import Photometry
 from tracer.counts import Count, Counts, DetectorCount
 from tracer.geometry.kinds import F64, I64, Integer
 

@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from raymap.errors import SceneError
-from raymap.portion import Portion
+from raymap.model.errors import SceneError
+from raymap.model.portion import Portion
 from tracer.engine.wavefront import Wavefront
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import load_scene

@@ -9,25 +9,25 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from viewer.app import view
-    from viewer.charts import chart
-    from viewer.models import export_3d
-    from viewer.pyvista_view import plotter
-    from viewer.rendering import picture
-    from viewer.state import Camera, Clip, Section, ViewState, load_state, save_state
+    from viewer.app.page import view
+    from viewer.drawn.state import Camera, Clip, Section, ViewState, load_state, save_state
+    from viewer.export import export_3d
+    from viewer.paint.charts import chart
+    from viewer.paint.pyvista_view import plotter
+    from viewer.paint.rendering import picture
 
 _HOME = {
-    "Camera": "viewer.state",
-    "Clip": "viewer.state",
-    "Section": "viewer.state",
-    "ViewState": "viewer.state",
-    "chart": "viewer.charts",
-    "export_3d": "viewer.models",
-    "load_state": "viewer.state",
-    "picture": "viewer.rendering",
-    "plotter": "viewer.pyvista_view",
-    "save_state": "viewer.state",
-    "view": "viewer.app",
+    "Camera": "viewer.drawn.state",
+    "Clip": "viewer.drawn.state",
+    "Section": "viewer.drawn.state",
+    "ViewState": "viewer.drawn.state",
+    "chart": "viewer.paint.charts",
+    "export_3d": "viewer.export",
+    "load_state": "viewer.drawn.state",
+    "picture": "viewer.paint.rendering",
+    "plotter": "viewer.paint.pyvista_view",
+    "save_state": "viewer.drawn.state",
+    "view": "viewer.app.page",
 }
 
 __all__ = [

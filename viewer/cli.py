@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from raymap.cli import Json, MapPath, Panel, Strict, emit_json, opened_map
+from raymap.cli.options import Json, MapPath, Panel, Strict, emit_json, opened_map
 
 if TYPE_CHECKING:
-    from raymap.reader import RayMap
+    from raymap.file.reader import RayMap
 
 __all__ = ["register"]
 
 
 def register(app: typer.Typer) -> None:
     """Hang the commands of this package on the application."""
-    from viewer.models.cli import export_3d
+    from viewer.export.cli import export_3d
 
     app.command("picture", rich_help_panel=Panel.PICTURES)(picture)
     app.command("chart", rich_help_panel=Panel.PICTURES)(chart)
@@ -66,8 +66,8 @@ def picture(
     """Paint the scene with the rays that satisfy a criterion."""
     from dataclasses import replace
 
-    from viewer.rendering import picture as paint
-    from viewer.state import Clip, ViewState, load_state
+    from viewer.drawn.state import Clip, ViewState, load_state
+    from viewer.paint.rendering import picture as paint
 
     state = load_state(session) if session is not None else ViewState()
     if session is None:
@@ -140,8 +140,8 @@ def chart(
     strict: Strict = False,
 ) -> None:
     """Draw what a detector measures: scale, cross sections, candela diagram, beam angles."""
-    from query.readings import reading_lines
-    from viewer.charts import chart as draw
+    from query.answers.readings import reading_lines
+    from viewer.paint.charts import chart as draw
 
     with opened_map(map, strict) as ray_map:
         numbers = draw(
@@ -171,7 +171,7 @@ def parse_section(text: str | None) -> Any:
     ------
     StateError
     """
-    from viewer.state import Section, StateError
+    from viewer.drawn.state import Section, StateError
 
     if text is None:
         return Section()
@@ -193,7 +193,7 @@ def _check_names(ray_map: RayMap, names: tuple[str, ...]) -> None:
     """Refuse names of objects that the map does not have."""
     from difflib import get_close_matches
 
-    from raymap.errors import UnknownName
+    from raymap.model.errors import UnknownName
 
     known = [item.name for item in ray_map.directory.objects]
     for name in names:
@@ -216,9 +216,9 @@ def view(
     """Open the application in the browser: scene, rays, detectors, paths and reports."""
     from dataclasses import replace
 
-    from viewer.answers import check_criterion
-    from viewer.server import serve
-    from viewer.state import ViewState, load_state
+    from viewer.app.server import serve
+    from viewer.drawn.answers import check_criterion
+    from viewer.drawn.state import ViewState, load_state
 
     state = load_state(session) if session is not None else ViewState()
     with opened_map(map) as ray_map:

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from raymap.directory import DisplayMesh
-from raymap.errors import MissingExtra, RayMapError
-from raymap.events import Event
 from raymap.foreign.recorder import Point, RayRecorder
+from raymap.model.directory import DisplayMesh
+from raymap.model.errors import MissingExtra, RayMapError
+from raymap.model.events import Event
 
 __all__ = ["record_pvtrace"]
 

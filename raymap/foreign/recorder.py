@@ -25,13 +25,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.colorimetry import (
-    RGB_LUMINANCE,
-    RGB_WAVELENGTHS_NM,
-    channel_display_rgb,
-    luminous_efficacy,
-)
-from raymap.directory import (
+from raymap.file.writer import RayMapWriter
+from raymap.model.directory import (
     BoundingSphere,
     ChannelSet,
     Directory,
@@ -41,11 +36,16 @@ from raymap.directory import (
     SceneObject,
     Source,
 )
-from raymap.errors import InvalidPortion
-from raymap.events import ENDINGS, Event
-from raymap.portion import Descriptors, Portion
-from raymap.schema import COLOR_SCALE, NORMAL_SCALE
-from raymap.writer import RayMapWriter
+from raymap.model.errors import InvalidPortion
+from raymap.model.events import ENDINGS, Event
+from raymap.model.portion import Descriptors, Portion
+from raymap.model.schema import COLOR_SCALE, NORMAL_SCALE
+from raymap.optics.colorimetry import (
+    RGB_LUMINANCE,
+    RGB_WAVELENGTHS_NM,
+    channel_display_rgb,
+    luminous_efficacy,
+)
 
 __all__ = ["Point", "RayRecorder"]
 

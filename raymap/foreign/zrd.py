@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.errors import RayMapError
-from raymap.givenfile import check_given, not_readable
+from raymap.model.errors import RayMapError
+from raymap.model.givenfile import check_given, not_readable
 
 __all__ = ["FATAL", "SEGMENT", "Trees", "ZrdError", "ZrdFile"]
 

@@ -20,8 +20,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.colorimetry import channel_display_rgb, luminous_efficacy
-from raymap.directory import (
+from raymap.file.writer import RayMapWriter
+from raymap.foreign.zrd import FATAL, Trees, ZrdFile
+from raymap.model.directory import (
     BoundingSphere,
     ChannelSet,
     Directory,
@@ -30,13 +31,12 @@ from raymap.directory import (
     SceneObject,
     Source,
 )
-from raymap.errors import RayMapError
-from raymap.events import Event
-from raymap.foreign.zrd import FATAL, Trees, ZrdFile
-from raymap.portion import Descriptors, Portion
-from raymap.replacing import refuse_existing, replacing
-from raymap.schema import NORMAL_SCALE
-from raymap.writer import RayMapWriter
+from raymap.model.errors import RayMapError
+from raymap.model.events import Event
+from raymap.model.portion import Descriptors, Portion
+from raymap.model.replacing import refuse_existing, replacing
+from raymap.model.schema import NORMAL_SCALE
+from raymap.optics.colorimetry import channel_display_rgb, luminous_efficacy
 
 __all__ = ["import_zrd"]
 

@@ -8,10 +8,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
-from raymap.givenfile import check_given, not_readable
+from raymap.model.givenfile import check_given, not_readable
+from raymap.model.replacing import refuse_existing, replacing
 from raymap.rayfiles import tm25, zemax
 from raymap.rayfiles.rays import FluxFrom, RayFileError, RaySet
-from raymap.replacing import refuse_existing, replacing
 
 __all__ = ["SUFFIXES", "RayFileWriter", "create", "read", "write"]
 

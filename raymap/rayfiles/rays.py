@@ -11,8 +11,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.errors import RayMapError
-from raymap.units import length_scale
+from raymap.model.errors import RayMapError
+from raymap.model.units import length_scale
 
 __all__ = ["FluxFrom", "FluxUnit", "RayFileError", "RaySet", "Spectrum", "checked", "with_flux_of"]
 

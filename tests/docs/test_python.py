@@ -23,7 +23,7 @@ import numpy as np
 import pytest
 
 import raymap
-from query.grammar import parse
+from query.expression.grammar import parse
 from tests.docs.blocks import EVERY, ROOT, Block, blocks
 from tests.docs.outside import SECRET, outside, served
 from tests.docs.prepared import FEW_RAYS, RECORDED, own_folder

@@ -26,10 +26,10 @@ import aiohttp
 import raymap
 from tests.viewer.small_map import write_map
 from tests.viewer.socket_page import Client
-from viewer.incoming import FIELDS
-from viewer.panel_criterion import CriterionShelf
-from viewer.server import RunningServer, run_in_thread
-from viewer.state import ViewState
+from viewer.app.incoming import FIELDS
+from viewer.app.server import RunningServer, run_in_thread
+from viewer.drawn.state import ViewState
+from viewer.panels.criterion import CriterionShelf
 
 __all__ = ["fuzz"]
 

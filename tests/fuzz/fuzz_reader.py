@@ -31,14 +31,14 @@ if __name__ == "__main__":
 import xxhash  # noqa: E402
 
 import raymap  # noqa: E402
-from raymap.layout import (  # noqa: E402
+from raymap.bytes.layout import (  # noqa: E402
     CHUNK_HEADER_SIZE,
     FILE_HEADER_SIZE,
     STREAM_ENTRY_SIZE,
     TAG_PREFIX,
     header_size,
 )
-from raymap.verify import verify  # noqa: E402
+from raymap.file.verify import verify  # noqa: E402
 
 _FOLDER = tempfile.TemporaryDirectory(prefix="raymap-fuzz-")
 _PATH = Path(_FOLDER.name) / "input.raymap"

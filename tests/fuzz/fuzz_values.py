@@ -38,8 +38,8 @@ import numpy as np  # noqa: E402
 import xxhash  # noqa: E402
 
 import raymap  # noqa: E402
-from raymap.chunks import MapFile  # noqa: E402
-from raymap.layout import (  # noqa: E402
+from raymap.bytes.chunks import MapFile  # noqa: E402
+from raymap.bytes.layout import (  # noqa: E402
     FILE_HEADER_SIZE,
     FOOTER,
     PORTION,
@@ -49,9 +49,9 @@ from raymap.layout import (  # noqa: E402
     pack_chunk_header,
     pack_file_header,
 )
-from raymap.repair import repair  # noqa: E402
-from raymap.streams import STORED, WHOLE, decode_column, kind_of  # noqa: E402
-from raymap.verify import verify  # noqa: E402
+from raymap.bytes.streams import STORED, WHOLE, decode_column, kind_of  # noqa: E402
+from raymap.file.repair import repair  # noqa: E402
+from raymap.file.verify import verify  # noqa: E402
 from tests.fuzz.questions import ask  # noqa: E402
 from tests.fuzz.supervised import Counts, Progress, supervise  # noqa: E402
 from tests.raymap.maps import COLORED, RGB, portion_at, small_directory, write_small  # noqa: E402

@@ -22,7 +22,7 @@ from query import (
     select,
     sweep,
 )
-from raymap.repair import repair
+from raymap.file.repair import repair
 
 __all__ = ["ask"]
 

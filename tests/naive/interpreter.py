@@ -10,9 +10,9 @@ import math
 import operator
 from typing import Any
 
-from query import criteria as c
-from raymap.directory import Directory
-from raymap.events import FAMILIES, Event
+from query.expression import criteria as c
+from raymap.model.directory import Directory
+from raymap.model.events import FAMILIES, Event
 from tests.naive.path_expression import read_alternatives, tokens_of
 from tests.naive.rays import Point, Ray
 

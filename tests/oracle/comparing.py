@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-import raymap
 from raymap.reader import RayMap
 from raymap.stored import StoredPortion
+
+import raymap
 
 __all__ = ["answer_differences", "end_probability", "map_differences"]
 

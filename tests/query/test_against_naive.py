@@ -11,7 +11,7 @@ from hypothesis import given, settings
 
 import raymap
 from query import parse, select
-from query.json_form import from_json
+from query.expression.json_form import from_json
 from tests.naive.interpreter import Interpreter
 from tests.naive.rays import rays_of
 from tests.query.random_criteria import CRITERIA

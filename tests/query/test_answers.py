@@ -13,7 +13,7 @@ import query
 import raymap
 from query import select
 from raymap import RayMapError
-from raymap.errors import CriterionError, MapExists, RayNotFound
+from raymap.model.errors import CriterionError, MapExists, RayNotFound
 from tests.naive.interpreter import Interpreter
 from tests.naive.rays import rays_of
 from tests.query.by_hand import flux_of, matching

@@ -18,8 +18,8 @@ from scipy import stats
 
 import query
 import raymap
-from raymap.errors import SceneMismatch
-from tracer.recording import record
+from raymap.model.errors import SceneMismatch
+from tracer.run.recording import record
 from tracer.scene.load import parse_scene
 
 SCENE = """
@@ -157,7 +157,7 @@ def _later_rays(scene: Any, path: Path, first: int) -> None:
     """A map of the 1,000 rays from ``first`` on, of the seed that is usual."""
     from raymap import RayMapWriter
     from tracer.engine.wavefront import Wavefront
-    from tracer.recording import DEFAULT_SEED
+    from tracer.run.recording import DEFAULT_SEED
     from tracer.scene.compile import compile_scene
 
     compilation = compile_scene(scene)

@@ -11,7 +11,7 @@ import pytest
 import query
 import raymap
 from query import select
-from raymap.errors import DamagedPortion
+from raymap.model.errors import DamagedPortion
 from tests.query.random_maps import write_random_map
 
 

@@ -12,10 +12,10 @@ import pytest
 
 import query
 import raymap
-from query.grammar import parse
-from query.json_form import from_json
+from query.expression.grammar import parse
+from query.expression.json_form import from_json
 from raymap import Detector, Directory, Face, Medium, SceneObject, Source, Surface
-from raymap.events import FAMILIES
+from raymap.model.events import FAMILIES
 from tests.docs.blocks import blocks
 from tests.naive.interpreter import Interpreter
 from tests.naive.rays import rays_of
@@ -63,7 +63,7 @@ def map(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
 
 
 def test_every_atom_has_an_example() -> None:
-    from query.grammar import _ATOMS
+    from query.expression.grammar import _ATOMS
 
     text = "\n".join(EXAMPLES)
     assert [atom for atom in _ATOMS if not re.search(rf"\b{atom}\b", text)] == []

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 import query
-from query.terminal import print_rows
-from raymap.doubt import FOOTNOTE
+from query.cli.terminal import print_rows
+from raymap.model.doubt import FOOTNOTE
 
 
 def test_rows_above_thirty_percent_carry_a_mark(capsys: pytest.CaptureFixture[str]) -> None:

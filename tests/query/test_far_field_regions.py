@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from query.bind import Binder, MapFacts, bind
-from query.bound import BoundRegion
-from query.conditions import Detected, Region
-from query.grammar import parse
+from query.engine.bind import Binder, MapFacts, bind
+from query.engine.bound import BoundRegion
+from query.expression.conditions import Detected, Region
+from query.expression.grammar import parse
 from raymap import Detector, Directory, Source
-from raymap.errors import CriterionError
+from raymap.model.errors import CriterionError
 
 
 def in_cells(detector: Detector, region: Region) -> BoundRegion:

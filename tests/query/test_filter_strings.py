@@ -8,8 +8,8 @@ import pytest
 
 import query
 from query import select
-from raymap.errors import CriterionError
-from raymap.events import Event
+from raymap.model.errors import CriterionError
+from raymap.model.events import Event
 from tests.naive.rays import rays_of
 
 

@@ -10,7 +10,7 @@ import pytest
 
 import query
 import raymap
-from query.tally import Tally, estimate, source_factors
+from query.engine.tally import Tally, estimate, source_factors
 from raymap import Directory, RayMapError, Source
 from tests.query.random_maps import write_random_map
 

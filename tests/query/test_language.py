@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 
 import query
 from query import Event, all_, count, detected, event, hit, parse, wavelength
-from query import criteria as c
-from query.automaton import parse_path
-from query.bind import MapFacts, bind
-from query.json_form import from_json
-from raymap.errors import CriterionError, UnknownName
+from query.engine.bind import MapFacts, bind
+from query.expression import criteria as c
+from query.expression.automaton import parse_path
+from query.expression.json_form import from_json
+from raymap.model.errors import CriterionError, UnknownName
 from tests.query.random_maps import make_channel_set, make_directory
 
 
@@ -247,7 +247,7 @@ def test_events_of_python_and_text_agree() -> None:
 
 
 def test_surface_parameters_stand_on_sides_and_vary_with_wavelength() -> None:
-    from query.surface_parameters import passes, sides_of
+    from query.engine.surface_parameters import passes, sides_of
 
     sides = sides_of(
         {

@@ -11,9 +11,9 @@ import pytest
 
 import query
 import raymap
-from query.rays_at_place import rays_at, write_ray_file
+from query.answers.rays_at_place import rays_at, write_ray_file
 from raymap import rayfiles
-from raymap.errors import RayMapError, UnknownName
+from raymap.model.errors import RayMapError, UnknownName
 from raymap.rayfiles import RaySet
 
 SCENE = """

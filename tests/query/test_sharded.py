@@ -16,10 +16,10 @@ import pytest
 
 import raymap
 from query import select
-from query.tables import path_table
-from raymap.address import Address
-from raymap.errors import DamagedPortion, RayMapError, UnknownName
-from raymap.remotebytes import upload
+from query.answers.tables import path_table
+from raymap.bytes.address import Address
+from raymap.bytes.remotebytes import upload
+from raymap.model.errors import DamagedPortion, RayMapError, UnknownName
 from tests.raymap.maps import RGB, portion_at, small_directory
 
 CRITERIA = [

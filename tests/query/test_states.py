@@ -11,9 +11,9 @@ import pytest
 
 import raymap
 from query import angle_of_polarisation, degree_of_polarisation, hit, optical_path, report, select
-from query.recorded import ellipse_of
-from query.terminal import print_report
-from raymap.errors import CriterionError
+from query.cli.terminal import print_report
+from query.engine.recorded import ellipse_of
+from raymap.model.errors import CriterionError
 from tests.query.random_maps import write_random_map
 
 

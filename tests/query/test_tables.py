@@ -10,10 +10,10 @@ import pytest
 
 import query
 from query import select
-from query.terminal import _shorter
+from query.cli.terminal import _shorter
 from raymap import RayMapError
-from raymap.doubt import FOOTNOTE, is_doubtful
-from raymap.events import FAMILIES, Event
+from raymap.model.doubt import FOOTNOTE, is_doubtful
+from raymap.model.events import FAMILIES, Event
 from tests.naive.rays import Ray, rays_of
 from tests.query.by_hand import flux_of, flux_se_of, matching
 
@@ -135,7 +135,7 @@ def test_ghosts_by_pair_of_faces(map: Any) -> None:
 
 def test_the_audit_closes(map: Any) -> None:
     audit = query.audit(map)
-    classes = query.energy.CLASSES if hasattr(query, "energy") else None
+    classes = query.answers.energy.CLASSES if hasattr(query, "energy") else None
     assert classes is None or len(classes) == audit.rays.shape[1]
     assert (audit.rays.sum(axis=1) + audit.missing == map.emitted).all()
     np.testing.assert_allclose(

@@ -7,7 +7,7 @@ import struct
 import xxhash
 
 import raymap
-from raymap.layout import CHUNK_HEADER_SIZE, FILE_HEADER_SIZE, header_size
+from raymap.bytes.layout import CHUNK_HEADER_SIZE, FILE_HEADER_SIZE, header_size
 from tests.strategies import assert_same_portion
 
 __all__ = ["check_damaged", "chunk_offsets", "with_sound_header"]

@@ -11,7 +11,7 @@ import tempfile
 from pathlib import Path
 
 import raymap
-from raymap.chunks import MapFile
+from raymap.bytes.chunks import MapFile
 
 
 def directory():

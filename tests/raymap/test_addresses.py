@@ -15,10 +15,10 @@ import pytest
 from typer.testing import CliRunner
 
 import raymap
-from raymap.address import Address, place_of
+from raymap.bytes.address import Address, place_of
+from raymap.bytes.remotebytes import BLOCK, RemoteBytes, upload
 from raymap.cli import application
-from raymap.errors import DamagedPortion, NotARayMap
-from raymap.remotebytes import BLOCK, RemoteBytes, upload
+from raymap.model.errors import DamagedPortion, NotARayMap
 from tests.raymap.maps import RGB, portion_at, small_directory
 
 RAYS = 40_000
@@ -192,7 +192,7 @@ def test_a_broken_line_is_tried_again_and_then_damage(
 
     system = type(fsspec.filesystem("memory"))
     honest = system.cat_file
-    monkeypatch.setattr("raymap.remotebytes._PAUSE", 0.0)
+    monkeypatch.setattr("raymap.bytes.remotebytes._PAUSE", 0.0)
     with raymap.open(f"{memory}/0.raymap") as there:
         monkeypatch.setattr(system, "cat_file", flaky)
         assert there.portions[0].read().n_rays == RAYS // 8

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import raymap
-from raymap.events import Event
+from raymap.model.events import Event
 from tests.raymap.maps import RGB, portion_at, small_directory
 
 

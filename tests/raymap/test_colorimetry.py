@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from raymap import colorimetry as c
+from raymap.optics import colorimetry as c
 
 GRID = np.arange(360.0, 831.0)
 

@@ -15,7 +15,8 @@ import typer
 from typer.testing import CliRunner
 
 import raymap
-from raymap.cli import Panel, application, register
+from raymap.cli import application, register
+from raymap.cli.options import Panel
 from tests.raymap.maps import write_small
 
 _ROOT = Path(__file__).resolve().parents[2]
@@ -118,7 +119,12 @@ def test_export(path, tmp_path):
 
 
 def _program(*arguments):
-    command = [sys.executable, "-c", "from raymap.cli import main; main()", *map(str, arguments)]
+    command = [
+        sys.executable,
+        "-c",
+        "from raymap.cli import main; main()",
+        *map(str, arguments),
+    ]
     return subprocess.run(command, capture_output=True, text=True, cwd=_ROOT, check=False)
 
 
@@ -145,7 +151,13 @@ def test_refusals_are_one_clear_line(path, damaged, tmp_path):
 
 @pytest.mark.parametrize("arguments", [("info",), ("info", "--json"), ("verify",)])
 def test_a_reader_of_the_output_that_goes_away_is_no_failure(path, arguments):
-    command = [sys.executable, "-c", "from raymap.cli import main; main()", *arguments, str(path)]
+    command = [
+        sys.executable,
+        "-c",
+        "from raymap.cli import main; main()",
+        *arguments,
+        str(path),
+    ]
     reading, writing = os.pipe()
     os.close(reading)
     try:

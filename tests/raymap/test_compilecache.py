@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from raymap.compilecache import fingerprint, is_own, remove_old
+from raymap.jit.compilecache import fingerprint, is_own, remove_old
 
 _ROOT = Path(__file__).resolve().parents[2]
 
@@ -20,14 +20,14 @@ _PROGRAM = """
 import sys
 sys.path.insert(0, {folder!r})
 import kernels_of_a_user
-from raymap import compilecache
+from raymap.jit import compilecache
 kernel = kernels_of_a_user.twice
 print(kernel(21), sum(kernel.stats.cache_hits.values()), compilecache.cache_folder())
 """
 
 _KERNELS = """
 import numba
-from raymap.kernels import kernel
+from raymap.jit.kernels import kernel
 
 @kernel
 def twice(value):
@@ -120,7 +120,7 @@ def test_a_folder_that_cannot_be_written_is_no_failure(tmp_path):
 
 _WORKING = """
 import numpy as np
-from raymap.kernels import kernel
+from raymap.jit.kernels import kernel
 
 @kernel
 def twice(value):

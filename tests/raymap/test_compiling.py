@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from raymap.compiling import Task, address_of, call_at, compile_ahead, task
-from raymap.kernels import inner_kernel, lean_kernel, stage_kernel
+from raymap.jit.compiling import Task, address_of, call_at, compile_ahead, task
+from raymap.jit.kernels import inner_kernel, lean_kernel, stage_kernel
 
 
 @inner_kernel
@@ -62,7 +62,7 @@ def test_garbage_is_looked_for_again_after_compiling() -> None:
 SCRIPT = """
 import sys
 from numba.core import event
-import raymap.compiling as compiling
+import raymap.jit.compiling as compiling
 
 class Watch(event.Listener):
     def on_start(self, event):

@@ -14,10 +14,10 @@ from pathlib import Path
 import pytest
 
 import raymap
-from raymap import positional
-from raymap.appender import ChunkAppender
-from raymap.repair import repair
-from raymap.verify import verify
+from raymap.bytes import positional
+from raymap.bytes.appender import ChunkAppender
+from raymap.file.repair import repair
+from raymap.file.verify import verify
 from tests.raymap.maps import RGB, ids_of, portion_at, small_directory, write_small
 
 _ROOT = Path(__file__).resolve().parents[2]

@@ -14,15 +14,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import raymap
-from raymap.layout import (
+from raymap.bytes.layout import (
     CHUNK_HEADER_SIZE,
     FILE_HEADER_SIZE,
     PORTION,
     STREAM_ENTRY_SIZE,
     parse_chunk_header,
 )
-from raymap.repair import repair
-from raymap.verify import verify
+from raymap.file.repair import repair
+from raymap.file.verify import verify
 from tests.raymap.damaging import check_damaged, chunk_offsets, with_sound_header
 from tests.raymap.maps import write_small
 
@@ -266,8 +266,8 @@ def test_a_newer_major_version_is_refused_by_name(sound, tmp_path):
 
 
 def test_unknown_chunks_and_streams_are_carried_along(tmp_path):
-    from raymap.layout import pack_chunk_header
-    from raymap.streams import StreamSet
+    from raymap.bytes.layout import pack_chunk_header
+    from raymap.bytes.streams import StreamSet
 
     path = tmp_path / "a.raymap"
     written = write_small(path, n_portions=2, n_rays=12, finish=False)

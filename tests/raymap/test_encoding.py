@@ -13,10 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import raymap
-from raymap import dictionary, pathwords
-from raymap.dictionary import find_paths
-from raymap.encoder import PortionEncoder
-from raymap.streams import WHOLE, Scope, StreamSet, decode_column, frame_of_zeros
+from raymap.bytes.streams import WHOLE, Scope, StreamSet, decode_column, frame_of_zeros
+from raymap.encoding import dictionary, pathwords
+from raymap.encoding.dictionary import find_paths
+from raymap.encoding.encoder import PortionEncoder
 from tests.raymap.maps import RGB, portion_at, small_directory
 from tests.strategies import assert_same_portion
 
@@ -234,7 +234,7 @@ def test_memory_of_written_portions_is_used_again():
 
 def test_the_disk_takes_bytes_while_more_are_written(tmp_path, monkeypatch):
     """What is asked of the disk early is asked while nothing waits, and is over at the end."""
-    from raymap import appender
+    from raymap.bytes import appender
 
     monkeypatch.setattr(appender, "_BEHIND", 1000)
     asked = []

@@ -15,9 +15,9 @@ import pytest
 
 import query
 import raymap
-from raymap.arrow import export
-from raymap.errors import RayMapError
-from raymap.verify import verify
+from raymap.file.verify import verify
+from raymap.model.errors import RayMapError
+from raymap.tables.arrow import export
 from tests.raymap.maps import SPECTRAL, ids_of, portion_at, small_directory, write_small
 from tests.strategies import assert_same_portion
 
@@ -111,7 +111,7 @@ def test_rows_of_rays_nest_their_records(ray_map, tmp_path):
     expected = np.concatenate([np.diff(p.record_offsets()) for p in ray_map.portions])
     np.testing.assert_array_equal(lengths, expected)
     metadata = table.schema.metadata
-    directory = raymap.Directory.model_validate_json(metadata[b"raymap.directory"])
+    directory = raymap.Directory.model_validate_json(metadata[b"raymap.model.directory"])
     assert directory == ray_map.directory
     emitted = json.loads(metadata[b"raymap.emitted"])
     assert list(emitted.values()) == ray_map.emitted.tolist()

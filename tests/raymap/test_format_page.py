@@ -11,9 +11,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import raymap
-from raymap import layout, limits, portionmeta, streams
-from raymap.events import ENDINGS, Event
-from raymap.verify import verify
+from raymap.bytes import layout, streams
+from raymap.encoding import portionmeta
+from raymap.file.verify import verify
+from raymap.model import limits
+from raymap.model.events import ENDINGS, Event
 from tests.data.golden.v1.make import HERE, MAKERS, columns_of, traced_portion
 from tests.naive.format_reader import read_map
 from tests.raymap.format_example import bytes_of, directory, lines

@@ -14,13 +14,13 @@ from hypothesis import HealthCheck, Phase, Verbosity, given, settings
 from hypothesis import strategies as st
 
 import raymap
-from raymap import limits
-from raymap.events import Event
-from raymap.layout import DIRECTORY, pack_chunk_header, pack_file_header, parse_chunk_header
-from raymap.reader import RayMap
-from raymap.repair import repair
-from raymap.streams import StreamSet
-from raymap.verify import verify
+from raymap.bytes.layout import DIRECTORY, pack_chunk_header, pack_file_header, parse_chunk_header
+from raymap.bytes.streams import StreamSet
+from raymap.file.reader import RayMap
+from raymap.file.repair import repair
+from raymap.file.verify import verify
+from raymap.model import limits
+from raymap.model.events import Event
 from tests.raymap.maps import RGB, small_directory, write_small
 from tests.strategies import assert_same_portion, make_portion
 
@@ -284,7 +284,7 @@ def test_too_many_of_a_kind_and_too_many_primitives_are_refused():
 
 
 def test_channel_sets_beyond_the_limit_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("raymap.writer.MAX_CHANNEL_SETS", 2)
+    monkeypatch.setattr("raymap.file.writer.MAX_CHANNEL_SETS", 2)
     with raymap.RayMapWriter.create(tmp_path / "a.raymap", small_directory()) as writer:
         writer.add_channel_set(RGB)
         writer.add_channel_set(RGB, again=True)

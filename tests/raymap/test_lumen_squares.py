@@ -18,11 +18,11 @@ from hypothesis import strategies as st
 
 import query
 import raymap
-from query.scan import Scan
-from query.selector import bind_all
-from raymap.repair import repair
-from raymap.selection import copy_selection
-from raymap.verify import verify
+from query.answers.selector import bind_all
+from query.engine.scan import Scan
+from raymap.file.repair import repair
+from raymap.file.selection import copy_selection
+from raymap.file.verify import verify
 from tests.fuzz.fuzz_values import Seed, put_together
 from tests.raymap.maps import COLORED, RGB, small_directory, write_small
 
@@ -134,7 +134,7 @@ def without(path: Path, name: str, target: Path, portions: tuple[int, ...] | Non
     seed = Seed("lumens", path)
     number = 0
     for part in seed.parts:
-        is_portion = part.tag == raymap.layout.PORTION
+        is_portion = part.tag == raymap.bytes.layout.PORTION
         if portions is None or (is_portion and number in portions):
             part.streams = [stream for stream in part.streams if stream.name != name]
         number += is_portion
@@ -188,7 +188,7 @@ def test_continued_repaired_selected_and_sharded_maps_keep_them(tmp_path: Path) 
             assert not verify(ray_map).damage
 
 
-@pytest.mark.parametrize("place", [raymap.layout.PORTION, None])
+@pytest.mark.parametrize("place", [raymap.bytes.layout.PORTION, None])
 def test_false_squares_are_found(tmp_path: Path, place: bytes | None) -> None:
     seed = Seed("lumens", lumens(tmp_path / "a.raymap", weighted=True))
     chosen = [
@@ -216,7 +216,7 @@ def test_squares_that_portions_lack_are_not_believed(
     tmp_path: Path, large: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if large:
-        monkeypatch.setattr(raymap.reader, "COMPARED_RAYS", 0)
+        monkeypatch.setattr(raymap.file.reader, "COMPARED_RAYS", 0)
     path = lumens(tmp_path / "a.raymap", weighted=True)
     false = without(path, "path.sum_wy2", tmp_path / "false.raymap", (1,))
     # Another portion is lost, so that those left are counted one by one

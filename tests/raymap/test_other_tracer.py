@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import raymap
-from raymap.events import Event
-from raymap.verify import verify
+from raymap.file.verify import verify
+from raymap.model.events import Event
 
 _SAMPLE = Path(__file__).resolve().parents[2] / "samples" / "other_tracer.py"
 

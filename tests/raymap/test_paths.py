@@ -168,8 +168,8 @@ def test_plain_portions_show_the_same_view(tmp_path):
 
 def test_equal_hashes_do_not_join_different_paths():
     """The hash only finds candidates: itineraries are compared in full."""
-    from raymap.dictionary import find_paths
-    from raymap.pathwords import face_columns
+    from raymap.encoding.dictionary import find_paths
+    from raymap.encoding.pathwords import face_columns
 
     portion = portion_at(0, n_rays=60, n_paths=12)
     table = face_columns(small_directory().faces)

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from raymap.colorimetry import chromaticity, photopic, xyz_to_linear_srgb
-from raymap.directory import ChannelSet, Directory, Source
-from raymap.photometry import (
+from raymap.model.directory import ChannelSet, Directory, Source
+from raymap.optics.colorimetry import chromaticity, photopic, xyz_to_linear_srgb
+from raymap.optics.photometry import (
     Photometry,
     channel_efficacy,
     channel_rgb,

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import raymap
-from raymap import positional
-from raymap.errors import RayMapError
+from raymap.bytes import positional
+from raymap.model.errors import RayMapError
 from tests.raymap.maps import small_directory, write_small
 from tests.strategies import assert_same_portion
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from raymap.errors import RayMapError
-from raymap.replacing import replacing
+from raymap.model.errors import RayMapError
+from raymap.model.replacing import replacing
 
 
 def test_the_file_stands_there_when_all_went_well(tmp_path: Path) -> None:

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import raymap
-from raymap import results
-from raymap.chunks import MapFile
-from raymap.errors import FormatError
-from raymap.results import DetectorResult, pack_result, read_result
-from raymap.scratch import lazy_zeros
+from raymap.bytes.chunks import MapFile
+from raymap.encoding import results
+from raymap.encoding.results import DetectorResult, pack_result, read_result
+from raymap.jit.scratch import lazy_zeros
+from raymap.model.errors import FormatError
 from tests.raymap.maps import small_directory
 
 CELLS = (300, 200)

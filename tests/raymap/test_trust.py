@@ -21,14 +21,22 @@ import zstandard
 
 import query
 import raymap
-import raymap.reader
-from raymap import stamps
-from raymap.compilecache import fingerprint
-from raymap.description import run_of
-from raymap.layout import DIRECTORY, FOOTER, MAGIC, PATHS, PORTION, StreamEntry, pack_chunk_header
-from raymap.portionmeta import DESCRIPTOR_STREAMS, PortionMeta
-from raymap.streams import WHOLE, ZSTD
-from raymap.verify import verify
+import raymap.file.reader
+from raymap.bytes.layout import (
+    DIRECTORY,
+    FOOTER,
+    MAGIC,
+    PATHS,
+    PORTION,
+    StreamEntry,
+    pack_chunk_header,
+)
+from raymap.bytes.streams import WHOLE, ZSTD
+from raymap.encoding.description import run_of
+from raymap.encoding.portionmeta import DESCRIPTOR_STREAMS, PortionMeta
+from raymap.file import stamps
+from raymap.file.verify import verify
+from raymap.jit.compilecache import fingerprint
 from tests.fuzz.fuzz_values import Seed, Stream, put_together
 from tests.raymap.maps import small_directory, write_small
 
@@ -113,7 +121,7 @@ _LIES = ("lengths", "numbers", "rays", "weights", "media")
 def test_a_footer_that_lies_changes_no_answer_about_rays(sound, tmp_path, lie, large, monkeypatch):
     """Maps too large to be compared at once are compared where their rays are read."""
     if large:
-        monkeypatch.setattr(raymap.reader, "COMPARED_RAYS", 0)
+        monkeypatch.setattr(raymap.file.reader, "COMPARED_RAYS", 0)
     honest = _answers(tmp_path / "sound.raymap")
     _lie(sound, lie)
     path = tmp_path / "false.raymap"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from raymap.errors import RayMapError
-from raymap.units import METRES, length_scale
+from raymap.model.errors import RayMapError
+from raymap.model.units import METRES, length_scale
 
 
 def test_units_convert_as_defined() -> None:

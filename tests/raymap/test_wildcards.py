@@ -11,13 +11,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from raymap.wildcards import Wildcard, characters
+from raymap.model.wildcards import Wildcard, characters
 
 _ROOT = Path(__file__).resolve().parents[2]
 _FROM_TABLES = (
     ("tracer/optics/glasses.py", "re.fullmatch("),
     ("tracer/scene/load.py", "re.sub(theirs, ours, message)"),
-    ("viewer/incoming.py", "re.compile(pattern, re.S).fullmatch"),
+    ("viewer/app/incoming.py", "re.compile(pattern, re.S).fullmatch"),
 )
 
 

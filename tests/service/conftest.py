@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 import raymap
-from raymap.client import Service
+from raymap.remote.client import Service
 from service import Limits, RaymapService
 from tests.scenes import MIRROR_BALL
 from tests.viewer.small_map import write_map

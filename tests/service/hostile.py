@@ -30,8 +30,8 @@ from typing import Any
 import pyarrow.flight as flight
 
 import raymap
-from raymap.client import Service
-from raymap.errors import RayMapError
+from raymap.model.errors import RayMapError
+from raymap.remote.client import Service
 from service import Limits, RaymapService
 from service.rights import RIGHTS
 from service.server import serve

@@ -11,8 +11,8 @@ import pytest
 import query
 import raymap
 import viewer
-from query.tables import path_table
-from raymap.client import Service
+from query.answers.tables import path_table
+from raymap.remote.client import Service
 from service import RaymapService
 from tests.service.conftest import TOKEN
 

@@ -14,7 +14,7 @@ import pyarrow.flight as flight
 import pytest
 
 import raymap
-from raymap.errors import RayMapError
+from raymap.model.errors import RayMapError
 from service import Limits
 from service.confine import OutsideFolder, ServedFolder
 from service.disk import LEDGER, Disk

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from raymap.client import Service
+from raymap.remote.client import Service
 
 playwright = pytest.importorskip("playwright.sync_api")
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from raymap.client import Service
-from raymap.protocol import PROTOCOL
+from raymap.remote.client import Service
+from raymap.remote.protocol import PROTOCOL
 from service import Limits
 from service.server import ACTIONS
 from service.streams import _LINES, _PATHS, STREAMS

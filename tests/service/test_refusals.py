@@ -15,8 +15,8 @@ import pyarrow.flight as flight
 import pytest
 
 import raymap
-from raymap.client import Service
-from raymap.errors import CriterionError, NotARayMap, RayMapError, SceneError
+from raymap.model.errors import CriterionError, NotARayMap, RayMapError, SceneError
+from raymap.remote.client import Service
 from service import Limits, RaymapService
 from service.access import Tls, choose_token
 from service.confine import OutsideFolder, ServedFolder
@@ -297,7 +297,7 @@ def test_command(folder: Path) -> None:
 
 
 def test_errors_survive_the_wire() -> None:
-    from raymap.protocol import ServiceError, decode_error, encode_error
+    from raymap.remote.protocol import ServiceError, decode_error, encode_error
 
     for error in (CriterionError("a"), NotARayMap("b"), OutsideFolder("c")):
         back = decode_error(encode_error(error), "x")

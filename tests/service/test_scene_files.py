@@ -18,7 +18,7 @@ import pytest
 from pydantic import BaseModel
 
 import tracer
-from raymap.errors import RayMapError, SceneError
+from raymap.model.errors import RayMapError, SceneError
 from service.confine import OutsideFolder, ServedFolder
 from service.mirror import SceneMirror
 from tests.scenes import MIRROR_BALL

@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 import raymap
-from raymap.errors import RayMapError
+from raymap.model.errors import RayMapError
 from service import Limits
 from service.metrics import MetricsServer
 from tests.service.conftest import TOKEN, Starter

@@ -17,7 +17,7 @@ import pyarrow.flight as flight
 import pytest
 
 import raymap
-from raymap.errors import RayMapError
+from raymap.model.errors import RayMapError
 from service.rights import ANY, NEEDS, RIGHTS, read_rights
 from service.server import ACTIONS
 from service.streams import STREAMS

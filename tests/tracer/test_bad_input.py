@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from raymap.cli import main
-from raymap.errors import RayMapError, SceneError
+from raymap.model.errors import RayMapError, SceneError
 from tracer.geometry.mesh import MeshWarning
-from tracer.recording import record
+from tracer.run.recording import record
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.load import load_scene, parse_scene
 from tracer.studies.section import draw_section

@@ -10,8 +10,8 @@ import pytest
 import raymap
 from query import detector_image, select
 from tests.tracer.engine.tracing import compiled
-from tracer.recording import record
-from tracer.results import RecordResult
+from tracer.run.recording import record
+from tracer.run.results import RecordResult
 from tracer.tally import CLASSES
 
 SCENE = """

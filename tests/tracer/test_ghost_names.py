@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import raymap
-from query.ghosts import ghost_matrix
-from query.names import FaceNames
-from raymap.events import Event
-from tracer.recording import record
+from query.answers.ghosts import ghost_matrix
+from query.expression.names import FaceNames
+from raymap.model.events import Event
+from tracer.run.recording import record
 from tracer.scene.load import parse_scene
 
 SAMPLE = Path(__file__).parents[2] / "samples" / "double_gauss.toml"

@@ -15,8 +15,8 @@ import pytest
 import query
 import raymap
 from raymap import Surface
-from raymap.errors import CriterionError
-from tracer.recording import record
+from raymap.model.errors import CriterionError
+from tracer.run.recording import record
 from tracer.scene.load import parse_scene
 
 SCENE = """

@@ -10,7 +10,7 @@ import zlib
 import numpy as np
 import pytest
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tracer.geometry.mesh_files import load_mesh
 from tracer.scene.model import Spectrum
 from tracer.scene.pictures import read_picture

@@ -11,8 +11,8 @@ import pytest
 import query
 import raymap
 import tracer
-from query.rays_at_place import write_ray_file
-from raymap.errors import SceneError
+from query.answers.rays_at_place import write_ray_file
+from raymap.model.errors import SceneError
 
 FILES = Path(__file__).parents[1] / "data" / "photometry"
 

@@ -15,10 +15,10 @@ import pytest
 
 import query
 import raymap
-from raymap.errors import NoRays, RayMapError
-from raymap.repair import repair
-from raymap.verify import verify
-from tracer.recording import record
+from raymap.file.repair import repair
+from raymap.file.verify import verify
+from raymap.model.errors import NoRays, RayMapError
+from tracer.run.recording import record
 from tracer.scene.load import parse_scene
 
 SCENE = """

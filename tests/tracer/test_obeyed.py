@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from raymap.errors import RayMapError, SceneError
+from raymap.model.errors import RayMapError, SceneError
 from tracer import compile_scene, parse_scene
 from tracer.lens.record import record_lens_trees
 from tracer.polarized_record import record_polarized
@@ -148,7 +148,7 @@ def _trees(path: Path) -> Any:
 
 
 def _crystals(path: Path) -> Any:
-    from tracer.recording import record
+    from tracer.run.recording import record
 
     return record(parse_scene(CRYSTAL + WEIGHTED), path, rays=10)
 
@@ -251,7 +251,7 @@ def test_keys_of_other_light_are_refused(keys: str, said: str) -> None:
 
 @pytest.mark.parametrize("key", ['light = "polarised"', "lens_trees = 4"])
 def test_crystals_refuse_light_of_another_kind(key: str, tmp_path: Path) -> None:
-    from tracer.recording import record
+    from tracer.run.recording import record
 
     with pytest.raises(SceneError, match=rf"trace\.{key.split(' ', maxsplit=1)[0]}"):
         record(parse_scene(f"{CRYSTAL}[trace]\n{key}\n"), tmp_path / "a.raymap", rays=10)

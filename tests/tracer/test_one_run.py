@@ -16,13 +16,13 @@ import tracer.cli
 from tests.tracer.test_obeyed import CRYSTAL, LENS, plate
 from tracer import parse_scene
 from tracer.polarized_record import record_polarized
-from tracer.recording import record
-from tracer.results import Progress
 from tracer.run.natural import NaturalTrace
+from tracer.run.recording import record
+from tracer.run.results import Progress
+from tracer.run.shard_tasks import pack, unpack
 from tracer.run.traces import trace_of
-from tracer.shard_tasks import pack, unpack
 
-pytestmark = pytest.mark.filterwarnings("ignore::tracer.results.StoppedLight")
+pytestmark = pytest.mark.filterwarnings("ignore::tracer.run.results.StoppedLight")
 
 POLARISED = '[trace]\nlight = "polarised"\nstates = "natural"\nphases = true\n'
 SPLIT = '[trace]\nmode = "weighted"\nsplit_depth = 2\n'

@@ -11,12 +11,12 @@ from typer.testing import CliRunner
 
 import raymap
 from raymap.cli import application
-from raymap.errors import MapExists, RayMapError, SceneMismatch
-from raymap.schema import PORTION_RECORDS
+from raymap.model.errors import MapExists, RayMapError, SceneMismatch
+from raymap.model.schema import PORTION_RECORDS
 from tracer.engine.wavefront import Wavefront
-from tracer.pieces import split_portion
-from tracer.recording import StoppedLight, record
-from tracer.results import Progress
+from tracer.run.pieces import split_portion
+from tracer.run.recording import StoppedLight, record
+from tracer.run.results import Progress
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.load import load_scene, parse_scene
 

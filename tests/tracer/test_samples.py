@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from raymap.events import Event
+from raymap.model.events import Event
 from tests.tracer.engine.tracing import Trace, assert_share
 from tracer.engine.wavefront import Wavefront
 from tracer.optics.fresnel import fresnel_reflectance

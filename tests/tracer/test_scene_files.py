@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from raymap.cli import application
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import load_scene, parse_scene
 

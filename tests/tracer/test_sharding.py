@@ -20,16 +20,16 @@ from typer.testing import CliRunner
 
 import raymap
 from raymap.cli import application
-from raymap.cluster import scheduler_executor, worker_count
-from raymap.errors import MapExists, MapLocked, RayMapError, SceneError, SceneMismatch
+from raymap.model.errors import MapExists, MapLocked, RayMapError, SceneError, SceneMismatch
+from raymap.remote.cluster import scheduler_executor, worker_count
 from tests.scenes import MIRROR_BALL
-from tracer.recording import record
-from tracer.results import Progress
 from tracer.run.natural import NaturalTrace
+from tracer.run.recording import record
+from tracer.run.results import Progress
+from tracer.run.shard_tasks import pack, unpack
+from tracer.run.sharding import record_shards
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.load import load_scene, parse_scene
-from tracer.shard_tasks import pack, unpack
-from tracer.sharding import record_shards
 
 GLASS_AND_SPLITS = """
 [trace]
@@ -273,7 +273,7 @@ def test_cancelled_and_timed(scene: Compilation, tmp_path: Path) -> None:
 def test_refused_in_one_line(
     scene: Compilation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("raymap.cluster.CONNECT_SECONDS", 1)
+    monkeypatch.setattr("raymap.remote.cluster.CONNECT_SECONDS", 1)
     with pytest.raises(SceneError, match="name a folder"):
         record(scene, tmp_path / "a.raymap", rays=10, executor=Here())
     (tmp_path / "file").write_text("")

@@ -11,7 +11,7 @@ import query
 import raymap
 from tests.naive.format_reader import read_map
 from tests.validation import Row, check
-from tracer.recording import record
+from tracer.run.recording import record
 from tracer.scene.load import load_scene
 
 SAMPLES = Path(__file__).parents[2] / "samples"

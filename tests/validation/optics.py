@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from raymap.events import Event
+from raymap.model.events import Event
 from tests.tracer.engine.tracing import compiled, trace
 from tests.validation import Row, check
 from tracer.optics.coatings import Layer, stack_shares

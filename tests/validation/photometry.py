@@ -11,7 +11,7 @@ import numpy as np
 
 import query
 import raymap
-from raymap import colorimetry
+from raymap.optics import colorimetry
 from tests.validation import Row, check
 from tracer import record
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from raymap.events import Event
+from raymap.model.events import Event
 from tests.tracer.engine.tracing import compiled, trace
 from tests.validation import Row, check
 from tracer.scattering.medium import ScatteringMedium

@@ -9,7 +9,7 @@ import aiohttp
 import msgpack
 from wslink.chunking import generate_chunks
 
-from viewer.incoming import MOST_BYTES
+from viewer.app.incoming import MOST_BYTES
 
 
 class Client:

@@ -16,11 +16,11 @@ import pytest
 
 import raymap
 from query import select
-from viewer.app import Application
-from viewer.embedding import make_server
-from viewer.guard import Guard
-from viewer.server import RunningServer, run_in_thread
-from viewer.state import ViewState, state_to_address, state_to_json
+from viewer.app.embedding import make_server
+from viewer.app.guard import Guard
+from viewer.app.page import Application
+from viewer.app.server import RunningServer, run_in_thread
+from viewer.drawn.state import ViewState, state_to_address, state_to_json
 
 GHOST = 'count(hit("L1", reflected)) == 2 & detected("sensor")'
 
@@ -221,7 +221,7 @@ def test_a_wrong_criterion_is_refused_before_the_application_opens(
 ) -> None:
     opened: list[str] = []
     monkeypatch.setattr(
-        "viewer.server.serve", lambda _map, *, state, **_: opened.append(state.criterion)
+        "viewer.app.server.serve", lambda _map, *, state, **_: opened.append(state.criterion)
     )
     status, _, said = run("view", map_path, "--no-browser", "-c", "hit(sensor)")
     assert status == 1

@@ -7,9 +7,9 @@ import pytest
 
 from raymap import DisplayMesh
 from tests.viewer.small_map import LENS, SENSOR, TUBE, lens_mesh, make_directory, make_meshes
-from viewer.bodies import Body, cut_body, make_body, silhouette
-from viewer.scene import bodies_box, load_bodies, scene_box, visible_bodies
-from viewer.state import Section, ViewState
+from viewer.drawn.bodies import Body, cut_body, make_body, silhouette
+from viewer.drawn.scene import bodies_box, load_bodies, scene_box, visible_bodies
+from viewer.drawn.state import Section, ViewState
 
 
 def cube() -> DisplayMesh:

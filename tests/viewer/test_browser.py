@@ -15,11 +15,11 @@ import pytest
 
 import raymap
 from query import select
-from query.ray_report import report
+from query.answers.ray_report import report
 from tests.viewer.page import WINDOW, Page
 from tests.viewer.small_map import make_directory, make_portion, rgb_channels, write_map
-from viewer.server import RunningServer, run_in_thread
-from viewer.state import ViewState, state_from_address
+from viewer.app.server import RunningServer, run_in_thread
+from viewer.drawn.state import ViewState, state_from_address
 
 playwright = pytest.importorskip("playwright.sync_api")
 
@@ -265,7 +265,7 @@ def pick_a_ray(page: Page, server: RunningServer) -> None:
     box = page.get("view").bounding_box()
     width, height = round(box["width"]), round(box["height"])
     shown = session.shown()
-    from viewer.camera import view_matrix
+    from viewer.drawn.camera import view_matrix
 
     matrix = view_matrix(session.camera(width, height), width, height, 1.0)
     middles = shown.lines.segments.mean(axis=1)
@@ -397,7 +397,7 @@ def test_each_browser_has_a_session_of_its_own(
         assert "Other browsers show this map already" in tab.inner_text("body")
         # Who is there may go on, and who went makes room
         mine.ask(TUBE)
-        monkeypatch.setattr("viewer.browsers._KEPT_SECONDS", 0.0)
+        monkeypatch.setattr("viewer.app.browsers._KEPT_SECONDS", 0.0)
         theirs.close()
         tab.wait_for_timeout(500)
         again = Page(browser, running.url, late)
@@ -456,7 +456,7 @@ def test_damaged_bare_and_empty_maps_say_so(
 def test_a_map_that_is_recorded_grows_on_the_page(
     browser: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("viewer.core.REFRESH_SECONDS", 0.1)
+    monkeypatch.setattr("viewer.app.core.REFRESH_SECONDS", 0.1)
     path = tmp_path / "growing.raymap"
     writer = raymap.RayMapWriter.create(path, make_directory())
     writer.add_channel_set(rgb_channels())

@@ -15,9 +15,9 @@ from trame.app import core
 
 import raymap
 from tests.viewer.socket_page import Client
-from viewer.panel_criterion import CriterionShelf
-from viewer.server import RunningServer, run_in_thread
-from viewer.state import ViewState
+from viewer.app.server import RunningServer, run_in_thread
+from viewer.drawn.state import ViewState
+from viewer.panels.criterion import CriterionShelf
 
 
 async def come(running: RunningServer) -> dict[str, str]:
@@ -90,7 +90,7 @@ def test_the_number_of_browsers_is_bounded(map_path: Path, monkeypatch: pytest.M
         with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
             await talk(running, early, state_of)
         assert refused.value.status == 503
-        monkeypatch.setattr("viewer.browsers._KEPT_SECONDS", 0.0)
+        monkeypatch.setattr("viewer.app.browsers._KEPT_SECONDS", 0.0)
 
         async def stay(page: Client) -> None:
             # The second browser is there, the first one is kept in any case

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from viewer.camera import (
+from viewer.drawn.camera import (
     STANDARD_VIEWS,
     fit,
     orbit,
@@ -18,7 +18,7 @@ from viewer.camera import (
     view_matrix,
     zoom,
 )
-from viewer.state import Camera
+from viewer.drawn.state import Camera
 
 W, H = 800, 600
 BOX = (np.array([-30.0, -20.0, -5.0]), np.array([30.0, 20.0, 140.0]))

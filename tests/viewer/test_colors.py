@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import raymap
-from raymap.events import ENDINGS, FAMILIES
-from viewer.colors import color_lines, optical_length
-from viewer.gather import read_rays
-from viewer.lines import build_lines
-from viewer.rays import DrawnRays, no_rays
-from viewer.state import COLOR_RULES
+from raymap.model.events import ENDINGS, FAMILIES
+from viewer.drawn.colors import color_lines, optical_length
+from viewer.drawn.gather import read_rays
+from viewer.drawn.lines import build_lines
+from viewer.drawn.rays import DrawnRays, no_rays
+from viewer.drawn.state import COLOR_RULES
 
 
 @pytest.fixture(scope="module")

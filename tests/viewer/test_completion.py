@@ -6,7 +6,7 @@ import pytest
 
 from query import parse
 from tests.viewer.small_map import make_directory
-from viewer.completion import complete
+from viewer.panels.completion import complete
 
 DIRECTORY = make_directory()
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from viewer.fill import fill_triangles
+from viewer.paint.fill import fill_triangles
 
 W, H = 128, 96
 

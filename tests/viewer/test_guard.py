@@ -15,9 +15,9 @@ import aiohttp
 import pytest
 
 import raymap
-from viewer.guard import inline_script_hashes
-from viewer.server import RunningServer, run_in_thread
-from viewer.state import ViewState
+from viewer.app.guard import inline_script_hashes
+from viewer.app.server import RunningServer, run_in_thread
+from viewer.drawn.state import ViewState
 
 
 @pytest.fixture(scope="module")

@@ -16,10 +16,10 @@ import pytest
 
 import raymap
 from tests.viewer.socket_page import Client
-from viewer.core import MOST_TASKS
-from viewer.incoming import FIELDS
-from viewer.server import RunningServer, run_in_thread
-from viewer.state import ViewState
+from viewer.app.core import MOST_TASKS
+from viewer.app.incoming import FIELDS
+from viewer.app.server import RunningServer, run_in_thread
+from viewer.drawn.state import ViewState
 
 
 @pytest.fixture(scope="module")
@@ -232,7 +232,7 @@ def test_without_token_nothing_is_answered(
     for wrong in ("", "wslink-secret", server.token[:-1], server.token + "x"):
         frame(server, script, wrong)
 
-    monkeypatch.setattr("viewer.incoming._LOGIN_SECONDS", 0.5)
+    monkeypatch.setattr("viewer.app.incoming._LOGIN_SECONDS", 0.5)
 
     async def idle(client: Client) -> None:
         message = await asyncio.wait_for(client.socket.receive(), 60)
@@ -253,7 +253,7 @@ def test_without_token_nothing_is_answered(
                 await socket.close()
         return refused
 
-    monkeypatch.setattr("viewer.incoming._LOGIN_SECONDS", 60)
+    monkeypatch.setattr("viewer.app.incoming._LOGIN_SECONDS", 60)
     assert asyncio.run(many()) == 0
     server.browsers.guard.in_notebook = True
     try:

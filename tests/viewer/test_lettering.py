@@ -7,9 +7,9 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from viewer.colors import Legend, LegendEntry
-from viewer.lettering import Lettering
-from viewer.overlay import draw_legend
+from viewer.drawn.colors import Legend, LegendEntry
+from viewer.paint.lettering import Lettering
+from viewer.paint.overlay import draw_legend
 
 MISSING = "\ue123"
 

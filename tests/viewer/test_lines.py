@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import raymap
-from raymap.events import FAMILIES
-from viewer.gather import read_rays, thin
-from viewer.lines import build_lines, cut_lines, visible_records
-from viewer.rays import DrawnRays, no_rays
-from viewer.state import Clip, Section, StateError
+from raymap.model.events import FAMILIES
+from viewer.drawn.gather import read_rays, thin
+from viewer.drawn.lines import build_lines, cut_lines, visible_records
+from viewer.drawn.rays import DrawnRays, no_rays
+from viewer.drawn.state import Clip, Section, StateError
 
 
 @pytest.fixture(scope="module")

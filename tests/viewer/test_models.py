@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import raymap
-from raymap.errors import MapExists, RayMapError
-from viewer.answers import draw_rays
-from viewer.models import SUFFIXES, export_3d
-from viewer.scene import load_bodies
+from raymap.model.errors import MapExists, RayMapError
+from viewer.drawn.answers import draw_rays
+from viewer.drawn.scene import load_bodies
+from viewer.export import SUFFIXES, export_3d
 
 
 def positions(document: dict[str, Any], node: dict[str, Any]) -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from viewer.panel_detector import bin_cells, calm_binning
+from viewer.panels.detector import bin_cells, calm_binning
 
 
 def _even(rays_per_cell: float, seed: int = 1) -> NDArray[np.float64]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from viewer.camera import screen_ray, standard_view, view_matrix
-from viewer.picking import pick_segment, pick_triangle
+from viewer.drawn.camera import screen_ray, standard_view, view_matrix
+from viewer.paint.picking import pick_segment, pick_triangle
 
 W, H = 640, 480
 BOX = (np.full(3, -10.0), np.full(3, 10.0))

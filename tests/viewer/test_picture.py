@@ -14,16 +14,16 @@ from PIL import Image
 
 import raymap
 from query import hit
-from query.json_form import to_json
-from raymap.events import FAMILIES
+from query.expression.json_form import to_json
+from raymap.model.events import FAMILIES
 from tests.viewer.small_map import write_map
 from viewer import ViewState, picture, save_state
-from viewer.answers import draw_rays
 from viewer.cli import parse_section
-from viewer.export import to_glb, to_vtp
-from viewer.painter import Painter
-from viewer.scene import load_bodies
-from viewer.state import Section, StateError
+from viewer.drawn.answers import draw_rays
+from viewer.drawn.scene import load_bodies
+from viewer.drawn.state import Section, StateError
+from viewer.export.gltf import to_glb, to_vtp
+from viewer.paint.painter import Painter
 
 KEPT = Path(__file__).parent.parent / "data" / "pictures"
 

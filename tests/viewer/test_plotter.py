@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import raymap
-from raymap.errors import RayMapError
+from raymap.model.errors import RayMapError
 from viewer import picture, plotter
 
 pytest.importorskip("pyvista")

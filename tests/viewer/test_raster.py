@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from viewer.raster import draw_segments
+from viewer.paint.raster import draw_segments
 
 W, H = 160, 128
 PIXELS = np.diag([1.0, 1.0, 1.0, 0.0])

@@ -13,10 +13,12 @@ from PIL import Image
 import query
 import raymap
 from query import select
-from query.readings import reading_lines, readings
-from raymap.errors import RayNotFound
+from query.answers.readings import reading_lines, readings
+from raymap.model.errors import RayNotFound
 from tests.viewer.small_map import CELLS, write_map
-from viewer.answers import (
+from viewer.app.inquiry import GHOSTS, Inquiry, criterion_error
+from viewer.app.session import Session
+from viewer.drawn.answers import (
     count_rays,
     detector_image,
     draw_rays,
@@ -26,12 +28,10 @@ from viewer.answers import (
     path_table,
     read_one,
 )
-from viewer.inquiry import GHOSTS, Inquiry, criterion_error
-from viewer.panel_criterion import CriterionShelf, choices
-from viewer.panel_scene import section_fields, section_of
-from viewer.session import Session
-from viewer.state import Section, ViewState, state_from_json, state_to_json
-from viewer.tree import make_atom, tree_text
+from viewer.drawn.state import Section, ViewState, state_from_json, state_to_json
+from viewer.panels.criterion import CriterionShelf, choices
+from viewer.panels.scene import section_fields, section_of
+from viewer.panels.tree import make_atom, tree_text
 
 W, H = 320, 240
 GHOST = 'count(hit("L1", reflected)) == 2 & detected("sensor")'
@@ -75,7 +75,7 @@ def test_paths_shown_alone_are_told_apart(small_map: raymap.RayMap) -> None:
 def test_previews_come_while_reading(
     small_map: raymap.RayMap, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("viewer.answers.PREVIEW_SECONDS", -1.0)
+    monkeypatch.setattr("viewer.drawn.answers.PREVIEW_SECONDS", -1.0)
     seen: list[int] = []
     drawing = draw_rays(small_map, "", 10**6, preview=lambda rays: seen.append(rays.n_rays))
     assert seen == sorted(seen)
@@ -143,7 +143,7 @@ def test_another_axis_points_upward(session: Session) -> None:
 
 
 def test_picking_finds_the_ray_that_is_drawn_there(session: Session) -> None:
-    from viewer.camera import view_matrix
+    from viewer.drawn.camera import view_matrix
 
     shown = session.shown()
     matrix = view_matrix(session.camera(W, H), W, H, 1.0)
@@ -167,7 +167,7 @@ def test_pointing_at_a_body_names_its_face(session: Session) -> None:
     camera = session.camera(W, H)
     assert camera.parallel
     # From the side the rim of the lens faces the camera
-    from viewer.camera import view_matrix
+    from viewer.drawn.camera import view_matrix
 
     x, y, _, _ = view_matrix(camera, W, H, 1.0) @ np.array([0, 8.0, 2.0, 1.0])
     assert session.hover(x, y, W, H).startswith("L1.")

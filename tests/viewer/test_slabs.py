@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from viewer.slabs import DEEP, cut_into_slabs, drawing_order
+from viewer.paint.slabs import DEEP, cut_into_slabs, drawing_order
 
 FORWARD = np.array([0.6, 0.0, 0.8])
 

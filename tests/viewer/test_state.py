@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from viewer.state import (
+from viewer.drawn.state import (
     COLOR_RULES,
     Camera,
     Clip,
@@ -127,7 +127,7 @@ def test_a_cut_address_is_refused() -> None:
 
 
 def test_missing_and_broken_files_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(StateError, match="No such file"):
+    with pytest.raises(StateError, match="there is no saved session"):
         load_state(tmp_path / "none.json")
     (tmp_path / "broken.json").write_text("{", encoding="utf-8")
     with pytest.raises(StateError, match="is not JSON"):

@@ -15,11 +15,11 @@ from typing import Any
 import pytest
 
 import raymap
-from raymap.directory import Directory
-from raymap.plaintext import plain_text
+from raymap.model.directory import Directory
+from raymap.model.plaintext import plain_text
 from tests.viewer.small_map import make_directory, make_meshes, make_portion, rgb_channels
-from viewer.server import run_in_thread
-from viewer.state import ViewState
+from viewer.app.server import run_in_thread
+from viewer.drawn.state import ViewState
 
 MARKUP = (
     "<img src=x onerror=window.ran=1>",
@@ -126,7 +126,7 @@ def test_terminal_and_files(first: int, run: Any, tmp_path: Path) -> None:
 def test_drawings_of_the_page_are_text_and_shapes() -> None:
     import numpy as np
 
-    from viewer.plots import bars, heat_map, profile
+    from viewer.paint.plots import bars, heat_map, profile
 
     for name in map(plain_text, NAMES):
         drawn = [
@@ -144,8 +144,8 @@ def test_drawings_of_the_page_are_text_and_shapes() -> None:
 
 
 def test_exported_files_hold_names_as_text(tmp_path: Path) -> None:
-    from viewer.export import to_glb, to_vtp
-    from viewer.session import Session
+    from viewer.app.session import Session
+    from viewer.export.gltf import to_glb, to_vtp
 
     for first in range(len(NAMES)):
         with raymap.open(strange_map(tmp_path / f"{first}.raymap", first)) as opened:

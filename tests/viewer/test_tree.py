@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from raymap import Detector
-from raymap.errors import CriterionError
-from viewer.state import Region
-from viewer.tree import (
+from raymap.model.errors import CriterionError
+from viewer.drawn.state import Region
+from viewer.panels.tree import (
     add_node,
     count_node,
     criterion_region,

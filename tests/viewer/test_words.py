@@ -7,10 +7,10 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 
-from viewer.falsecolor import COLORMAPS, apply_colormap, wavelength_rgb
-from viewer.itinerary import headline
-from viewer.panel_paths import path_rows, sort_rows
-from viewer.plots import bars, heat_map, profile
+from viewer.drawn.falsecolor import COLORMAPS, apply_colormap, wavelength_rgb
+from viewer.drawn.itinerary import headline
+from viewer.paint.plots import bars, heat_map, profile
+from viewer.panels.paths import path_rows, sort_rows
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tracer.crystals.media import Crystal
 from tracer.crystals.plates import jones_bases, outside_fields
 

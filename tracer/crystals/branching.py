@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tracer.crystals.bodies import CrystalBody, compile_bodies
 from tracer.crystals.media import Crystal
 from tracer.crystals.rows import ISOTROPIC, KIND

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tracer.crystals.media import Crystal
 
 __all__ = ["ConicalRays", "cone_opening", "conical_rays", "ring_of_plate"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.directory import DisplayMesh
+from raymap.model.directory import DisplayMesh
 from tracer.crystals.bodies import CrystalBody
 
 __all__ = ["face_names", "face_rings", "hull_mesh"]

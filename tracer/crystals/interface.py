@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from raymap.kernels import inner_kernel, kernel
+from raymap.jit.kernels import inner_kernel, kernel
 from tracer.crystals.interface_modes import interface_frame, medium_modes
 from tracer.crystals.modes import MODE
 from tracer.crystals.rows import (

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from raymap.kernels import inner_kernel
+from raymap.jit.kernels import inner_kernel
 from tracer.crystals.modes import forward_modes, mirror_modes
 from tracer.crystals.rows import (
     AXIS,

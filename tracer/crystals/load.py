@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from raymap.errors import SceneError
-from raymap.givenfile import given_text
+from raymap.model.errors import SceneError
+from raymap.model.givenfile import given_text
 from tracer.crystals.media import Crystal, calcite, rotation_between
 
 __all__ = [

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from raymap.kernels import inner_kernel
+from raymap.jit.kernels import inner_kernel
 from tracer.crystals.biaxial_modes import biaxial_forward_modes
 from tracer.crystals.rows import BIAXIAL, ISOTROPIC
 

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from raymap.events import Event
-from raymap.kernels import inner_kernel, kernel
+from raymap.jit.kernels import inner_kernel, kernel
+from raymap.model.events import Event
 from tracer.crystals.bodies import BodyArrays
 from tracer.crystals.interface import interface_event
 from tracer.crystals.rows import BIAXIAL, EPS, EPS_ORDINARY, ISOTROPIC, KIND

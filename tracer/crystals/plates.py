@@ -16,8 +16,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from raymap.errors import SceneError
-from raymap.kernels import kernel
+from raymap.jit.kernels import kernel
+from raymap.model.errors import SceneError
 from tracer.crystals.interface import interface_scratch
 from tracer.crystals.interface_modes import interface_frame, medium_modes
 from tracer.crystals.media import Crystal

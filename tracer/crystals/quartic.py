@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 
-from raymap.kernels import inner_kernel
+from raymap.jit.kernels import inner_kernel
 
 __all__ = ["booker_coefficients", "factor_quartic", "factor_with_root", "largest_cubic_root"]
 

@@ -9,8 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.colorimetry import channel_display_rgb, luminous_efficacy
-from raymap.directory import (
+from raymap.model.directory import (
     BoundingSphere,
     ChannelSet,
     Detector,
@@ -22,8 +21,9 @@ from raymap.directory import (
     Source,
     Surface,
 )
-from raymap.errors import SceneError
-from raymap.portion import Descriptors, Portion
+from raymap.model.errors import SceneError
+from raymap.model.portion import Descriptors, Portion
+from raymap.optics.colorimetry import channel_display_rgb, luminous_efficacy
 from tracer.crystals.bodies import CrystalBody, compile_bodies
 from tracer.crystals.hulls import face_names, hull_mesh
 from tracer.crystals.media import Crystal, isotropic

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from raymap.directory import ChannelSet, Directory, DisplayMesh
-from raymap.encoder import PortionEncoder
-from raymap.errors import SceneError
-from raymap.portion import Portion
-from raymap.schema import PORTION_RAYS
+from raymap.encoding.encoder import PortionEncoder
+from raymap.model.directory import ChannelSet, Directory, DisplayMesh
+from raymap.model.errors import SceneError
+from raymap.model.portion import Portion
+from raymap.model.schema import PORTION_RAYS
 from tracer.crystals.bodies import CrystalBody, convex_body, mesh_body
 from tracer.crystals.load import MediumModel as CrystalModel
 from tracer.crystals.load import medium_of
@@ -37,7 +37,7 @@ from tracer.crystals.rows import ISOTROPIC, KIND
 from tracer.geometry.bodies import BoxBody, MeshBody, PrismBody
 from tracer.geometry.body import Body
 from tracer.named_files import named_file
-from tracer.results import depth_limit
+from tracer.run.results import depth_limit
 from tracer.scene.fields import Node
 from tracer.scene.model import RGB_NM, MediumModel, Scene
 from tracer.scene.supported import refuse_weighting

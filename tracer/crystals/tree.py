@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from raymap.kernels import inner_kernel, kernel, lean_kernel
+from raymap.jit.kernels import inner_kernel, kernel, lean_kernel
 from tracer.crystals.bodies import BodyArrays
 from tracer.crystals.interface import WAVE, interface_event
 from tracer.crystals.rows import ISOTROPIC, KIND

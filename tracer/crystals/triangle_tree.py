@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.kernels import inner_kernel
+from raymap.jit.kernels import inner_kernel
 
 __all__ = ["TriangleTree", "build_triangle_tree", "first_triangle"]
 

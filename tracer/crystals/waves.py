@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from raymap.kernels import inner_kernel
+from raymap.jit.kernels import inner_kernel
 from tracer.crystals.media import Crystal
 from tracer.crystals.rows import EPS_ABSORPTION
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from raymap.kernels import inner_kernel, lean_kernel
+from raymap.jit.kernels import inner_kernel, lean_kernel
 from tracer.geometry.directions import about, sample_uniform_cone, sine_of, turned
 from tracer.geometry.kinds import F64
 from tracer.scene.arrays import TARGET_RECTANGLE, TARGET_SPHERE

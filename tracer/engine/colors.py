@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from raymap.kernels import inner_kernel, unsigned
+from raymap.jit.kernels import inner_kernel, unsigned
 from tracer.engine.buffers import COLORS
 from tracer.geometry.kinds import F64, I64, Integer
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from raymap.kernels import inline_kernel, inner_kernel
+from raymap.jit.kernels import inline_kernel, inner_kernel
 from tracer.engine.nests import enter_body, leave_body
 from tracer.geometry.kinds import ANNULUS, CONE, CONIC, CYLINDER, F64, I64, RECTANGLE, SPHERE
 from tracer.geometry.normals import face_normal

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from raymap.kernels import inner_kernel
+from raymap.jit.kernels import inner_kernel
 from tracer.engine.scattering import metal_reflectance, specular_share
 from tracer.geometry.kinds import F64, I64
 from tracer.optics.abg import eval_radial, scatter_share

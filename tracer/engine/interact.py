@@ -11,8 +11,7 @@ import math
 
 import numpy as np
 
-from raymap.events import Event
-from raymap.kernels import (
+from raymap.jit.kernels import (
     inline_kernel,
     inner_kernel,
     lean_kernel,
@@ -20,6 +19,7 @@ from raymap.kernels import (
     stage_kernel,
     unsigned,
 )
+from raymap.model.events import Event
 from tracer.engine.buffers import (
     CODE,
     COLORS,

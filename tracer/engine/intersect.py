@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from raymap.kernels import inner_kernel, lean_kernel, number, unsigned
+from raymap.jit.kernels import inner_kernel, lean_kernel, number, unsigned
 from tracer.engine.buffers import BUNDLE, HIT, KEY, Buffers, T
 from tracer.engine.buffers import OWN as LIVE_OWN
 from tracer.engine.streams import follow_settled

@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.kernels import inline_kernel, inner_kernel
+from raymap.jit.kernels import inline_kernel, inner_kernel
 from tracer.engine.buffers import COLORS
 from tracer.engine.openings import place_on_body
 from tracer.engine.random import advance, stream_state, uniform

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from raymap.events import Event
-from raymap.kernels import inline_kernel, inner_kernel
+from raymap.jit.kernels import inline_kernel, inner_kernel
+from raymap.model.events import Event
 from tracer.engine.buffers import (
     CHAIN,
     COUNT,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from raymap.kernels import inner_kernel, stage_kernel
+from raymap.jit.kernels import inner_kernel, stage_kernel
 from tracer.engine.buffers import (
     HIT,
     MESH_BODY,

@@ -9,7 +9,7 @@ dielectrics in ray traced images", Journal of Graphics Tools 7(2), 1 (2002).
 
 from __future__ import annotations
 
-from raymap.kernels import inner_kernel
+from raymap.jit.kernels import inner_kernel
 from tracer.geometry.kinds import I64
 from tracer.scene.arrays import B_PRIORITY, FEW_SOLIDS, NEST_BITS, WORD_FEW, WORD_MANY
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from raymap.kernels import inner_kernel
+from raymap.jit.kernels import inner_kernel
 from tracer.geometry.directions import about, turned
 from tracer.scene.arrays import FROM_BOX, FROM_CYLINDER_U, FROM_CYLINDER_V, FROM_ELLIPSOID
 

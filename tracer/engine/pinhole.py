@@ -23,11 +23,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.cells import is_pinhole
-from raymap.events import Event
-from raymap.kernels import inner_kernel, lean_kernel
-from raymap.photometry import Photometry
-from raymap.portion import Portion
+from raymap.jit.kernels import inner_kernel, lean_kernel
+from raymap.model.events import Event
+from raymap.model.portion import Portion
+from raymap.optics.cells import is_pinhole
+from raymap.optics.photometry import Photometry
 from tracer.counts import Count, DetectorCount
 from tracer.engine.buffers import (
     KEY,

@@ -24,9 +24,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.events import Event
-from raymap.kernels import inner_kernel, lean_kernel
-from raymap.schema import COLOR_SCALE
+from raymap.jit.kernels import inner_kernel, lean_kernel
+from raymap.model.events import Event
+from raymap.model.schema import COLOR_SCALE
 from tracer.engine.contacts import cross_face
 from tracer.engine.nests import top_body
 from tracer.engine.polarized_waves import (

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.kernels import inner_kernel
+from raymap.jit.kernels import inner_kernel
 from tracer.geometry.kinds import F64
 from tracer.optics.polarization_fresnel import s_vector, split_field
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from raymap.kernels import kernel
+from raymap.jit.kernels import kernel
 
 __all__ = ["advance", "stream_state", "uniform"]
 

@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.events import Event
-from raymap.kernels import inline_kernel, unsigned
+from raymap.jit.kernels import inline_kernel, unsigned
+from raymap.model.events import Event
 from tracer.engine.buffers import (
     CHAIN,
     COUNT,

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from raymap.kernels import inner_kernel, unsigned
+from raymap.jit.kernels import inner_kernel, unsigned
 from tracer.engine.random import advance, uniform
 from tracer.geometry.kinds import F64, I64, SPHERE, Integer
 from tracer.geometry.nearest import DISTANCE

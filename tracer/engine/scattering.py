@@ -12,8 +12,8 @@ import math
 
 import numpy as np
 
-from raymap.events import Event
-from raymap.kernels import inner_kernel, lean_kernel
+from raymap.jit.kernels import inner_kernel, lean_kernel
+from raymap.model.events import Event
 from tracer.engine.buffers import COLORS
 from tracer.engine.colors import mean_of, pick_channel, recolor, recolor_lost
 from tracer.engine.random import advance, uniform

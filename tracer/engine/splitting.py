@@ -14,8 +14,8 @@ from typing import Literal, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.events import Event
-from raymap.kernels import inline_kernel, inner_kernel, lean_kernel
+from raymap.jit.kernels import inline_kernel, inner_kernel, lean_kernel
+from raymap.model.events import Event
 from tracer.engine.buffers import (
     CODE,
     COLORS,

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.kernels import inner_kernel, lean_kernel, number, unsigned
+from raymap.jit.kernels import inner_kernel, lean_kernel, number, unsigned
 from tracer.engine.buffers import (
     CHAIN,
     COLORS,

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from raymap.kernels import lean_kernel
+from raymap.jit.kernels import lean_kernel
 from tracer.engine.buffers import COLORS, COUNT, DESCRIPTORS, N_RECORDS, RAYS, Buffers
 from tracer.engine.splitting import Twins, find_ray_order
 from tracer.engine.store import Columns, copy_records

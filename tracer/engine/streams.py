@@ -13,8 +13,8 @@ import math
 
 import numpy as np
 
-from raymap.events import Event
-from raymap.kernels import inner_kernel, number, unsigned
+from raymap.jit.kernels import inner_kernel, number, unsigned
+from raymap.model.events import Event
 from tracer.engine.buffers import (
     BUNDLE_CODE,
     BUNDLE_OWN,

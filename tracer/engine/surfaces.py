@@ -11,8 +11,8 @@ import math
 
 import numpy as np
 
-from raymap.events import Event
-from raymap.kernels import inline_kernel, inner_kernel, unsigned
+from raymap.jit.kernels import inline_kernel, inner_kernel, unsigned
+from raymap.model.events import Event
 from tracer.engine.buffers import COLORS
 from tracer.engine.colors import mean_of, pick_channel, recolor, recolor_lost
 from tracer.engine.random import advance, uniform

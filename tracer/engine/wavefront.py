@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.compiling import Task, address_of, call_at, task
-from raymap.kernels import lean_kernel
-from raymap.portion import Descriptors as DescriptorColumns
-from raymap.portion import Portion
+from raymap.jit.compiling import Task, address_of, call_at, task
+from raymap.jit.kernels import lean_kernel
+from raymap.model.portion import Descriptors as DescriptorColumns
+from raymap.model.portion import Portion
 from tracer.engine.buffers import (
     COLORS,
     COUNTING,

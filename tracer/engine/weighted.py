@@ -18,8 +18,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from raymap.events import Event
-from raymap.kernels import inline_kernel, inner_kernel
+from raymap.jit.kernels import inline_kernel, inner_kernel
+from raymap.model.events import Event
 from tracer.engine.random import advance, uniform
 from tracer.engine.scattering import meet_filter, survive_metal
 from tracer.engine.splitting import Twins

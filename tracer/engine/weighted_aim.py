@@ -17,8 +17,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from raymap.events import Event
-from raymap.kernels import inner_kernel
+from raymap.jit.kernels import inner_kernel
+from raymap.model.events import Event
 from tracer.engine.aiming import aim_at, count_targets, pdf_aim
 from tracer.engine.random import advance, uniform
 from tracer.geometry.kinds import F64

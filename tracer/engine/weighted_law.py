@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from raymap.kernels import inline_kernel, inner_kernel
+from raymap.jit.kernels import inline_kernel, inner_kernel
 from tracer.engine.buffers import COLORS
 from tracer.engine.colors import pick_channel, recolor
 from tracer.engine.random import advance, uniform

@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
-from raymap.events import Event
-from raymap.kernels import inner_kernel
+from raymap.jit.kernels import inner_kernel
+from raymap.model.events import Event
 from tracer.engine.buffers import COLORS
 from tracer.engine.colors import pick_channel, recolor
 from tracer.engine.random import advance, uniform

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from raymap.events import Event
+from raymap.model.events import Event
 from tracer.geometry.body import Body, FacePlan
 from tracer.geometry.lens_body import LensBody
 from tracer.geometry.shapes import (

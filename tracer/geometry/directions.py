@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from raymap.kernels import inline_kernel, inner_kernel
+from raymap.jit.kernels import inline_kernel, inner_kernel
 
 __all__ = ["about", "sample_cosine_cone", "sample_uniform_cone", "sine_of", "turned"]
 

@@ -21,7 +21,7 @@ from llvmlite import binding
 from numba import types
 from numpy.typing import NDArray
 
-from raymap.errors import RayMapError
+from raymap.model.errors import RayMapError
 
 __all__ = ["INVALID", "RAYHIT_WORDS", "EmbreeScene", "intersect"]
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from raymap.events import Event
+from raymap.model.events import Event
 from tracer.geometry.body import Body, FacePlan
 from tracer.geometry.shapes import Annulus, Conic, Cylinder, Shape, SphereCap, sag_at, sags_at
 from tracer.scene.fields import Finite, Length, Node, Positive

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from raymap.directory import DisplayMesh
-from raymap.errors import SceneError
-from raymap.kernels import inner_kernel, kernel
+from raymap.jit.kernels import inner_kernel, kernel
+from raymap.model.directory import DisplayMesh
+from raymap.model.errors import SceneError
 
 __all__ = [
     "MeshWarning",

@@ -11,8 +11,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.errors import MissingExtra, SceneError
-from raymap.givenfile import check_given, given_bytes, not_readable
+from raymap.model.errors import MissingExtra, SceneError
+from raymap.model.givenfile import check_given, given_bytes, not_readable
 from tracer.geometry.mesh import (
     MeshWarning,
     TriangleMesh,

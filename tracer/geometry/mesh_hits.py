@@ -21,7 +21,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.kernels import inline_kernel, inner_kernel, lean_kernel, unsigned
+from raymap.jit.kernels import inline_kernel, inner_kernel, lean_kernel, unsigned
 from tracer.geometry.embree import INVALID, intersect
 from tracer.geometry.mesh_arrays import (
     BLOCK,

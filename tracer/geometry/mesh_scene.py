@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tracer.geometry.embree import EmbreeScene
 from tracer.geometry.mesh import TriangleMesh, triangles_around
 from tracer.geometry.mesh_arrays import MeshArrays, mesh_scratch

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.kernels import inner_kernel, lean_kernel
+from raymap.jit.kernels import inner_kernel, lean_kernel
 from tracer.geometry.mesh_arrays import MeshArrays, normal_to_world, point_to_local
 
 __all__ = [

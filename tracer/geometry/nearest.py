@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 
-from raymap.kernels import inner_kernel
+from raymap.jit.kernels import inner_kernel
 from tracer.geometry.kinds import (
     ANNULUS,
     CONE,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from raymap.kernels import inline_kernel, inner_kernel
+from raymap.jit.kernels import inline_kernel, inner_kernel
 from tracer.geometry.kinds import CONE, CONIC, CYLINDER, F64, SPHERE
 from tracer.geometry.nearest import asphere_sag
 

@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.directory import Quadric
+from raymap.model.directory import Quadric
 from tracer.geometry.kinds import (
     ANNULUS,
     ASPHERE,

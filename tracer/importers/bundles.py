@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tracer.importers.prescription import FieldPoint
 from tracer.importers.sequence import Sequence, ThroughRays
 

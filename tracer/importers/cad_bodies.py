@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from raymap.errors import SceneError
-from raymap.units import length_scale
-from raymap.wildcards import Wildcard
+from raymap.model.errors import SceneError
+from raymap.model.units import length_scale
+from raymap.model.wildcards import Wildcard
 from tracer.geometry.bodies import MeshBody
 from tracer.geometry.body import Body, FacePlan
 from tracer.importers.step_read import CadSolid, clean_name, read_step

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from raymap.cli import Json, Panel, emit_json, warnings_on_stderr
+from raymap.cli.options import Json, Panel, emit_json, warnings_on_stderr
 
 __all__ = ["register"]
 

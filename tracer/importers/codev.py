@@ -17,8 +17,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from raymap.errors import SceneError
-from raymap.textfile import plain_number, split_lines
+from raymap.model.errors import SceneError
+from raymap.model.textfile import plain_number, split_lines
 from tracer.importers.codev_words import APERTURES_NOT_ROUND, HARMLESS, MOVED, NOT_TAKEN, TYPES
 from tracer.importers.prescription import (
     Aperture,

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tracer.importers.bundles import Bundles
 from tracer.importers.fitting import fit_parts
 from tracer.importers.parts import Part, PartFace

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tracer.importers.lens_scene import LENS_SUFFIXES, OTHER_LENS_FILES, import_lens
 from tracer.importers.toml_text import toml_text
 from tracer.named_files import named_file

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tracer.geometry.body import Body
 from tracer.geometry.lens_body import LensBody
 from tracer.geometry.shapes import (

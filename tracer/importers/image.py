@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.errors import SceneError
-from raymap.units import length_scale
+from raymap.model.errors import SceneError
+from raymap.model.units import length_scale
 from tracer.importers.bundles import Bundles
 from tracer.importers.elements import Elements
 from tracer.importers.prescription import ImportWarning

@@ -13,7 +13,7 @@ from dataclasses import replace
 from importlib import util
 from typing import Any
 
-from raymap.errors import MissingExtra, SceneError
+from raymap.model.errors import MissingExtra, SceneError
 from tracer.importers.prescription import GlassName, ImportWarning
 from tracer.optics.dispersion import LINE_NM, OutOfRangeWarning
 from tracer.optics.glasses import MAKERS, Glass, find_glass, find_shipped

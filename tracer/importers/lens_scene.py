@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.errors import SceneError
-from raymap.units import length_scale
+from raymap.model.errors import SceneError
+from raymap.model.units import length_scale
 from tracer.importers.bundles import Bundles, LitField
 from tracer.importers.codev import read_codev
 from tracer.importers.elements import Disc, Elements, build_elements

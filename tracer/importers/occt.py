@@ -6,7 +6,7 @@ from functools import cache
 from importlib import import_module
 from typing import Any
 
-from raymap.errors import MissingExtra
+from raymap.model.errors import MissingExtra
 
 __all__ = ["occt"]
 

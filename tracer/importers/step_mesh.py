@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tracer.geometry.mesh import TriangleMesh, check_solid, faces_by_label, weld
 from tracer.importers.occt import occt
 from tracer.importers.prescription import ImportWarning

@@ -14,8 +14,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from raymap.errors import SceneError
-from raymap.givenfile import check_given
+from raymap.model.errors import SceneError
+from raymap.model.givenfile import check_given
 from tracer.importers.occt import occt
 from tracer.importers.prescription import ImportWarning
 from tracer.named_files import is_guarded

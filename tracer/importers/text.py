@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from raymap.errors import SceneError
-from raymap.givenfile import given_bytes
-from raymap.textfile import decode_text
+from raymap.model.errors import SceneError
+from raymap.model.givenfile import given_bytes
+from raymap.model.textfile import decode_text
 
 __all__ = ["read_text"]
 

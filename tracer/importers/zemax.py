@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from raymap.errors import SceneError
-from raymap.textfile import plain_number, split_lines
+from raymap.model.errors import SceneError
+from raymap.model.textfile import plain_number, split_lines
 from tracer.importers.prescription import (
     Aperture,
     FieldKind,

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.kernels import inner_kernel
+from raymap.jit.kernels import inner_kernel
 from tracer.lens.shape import LensShape
 
 __all__ = [

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from raymap.events import Event
-from raymap.kernels import kernel
+from raymap.jit.kernels import kernel
+from raymap.model.events import Event
 from tracer.engine.random import advance, stream_state, uniform
 from tracer.lens.forward import trace_lens
 from tracer.lens.scene_lenses import LensScene, SceneLens

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from raymap.errors import RayMapError
+from raymap.model.errors import RayMapError
 
 __all__ = ["LensError"]
 

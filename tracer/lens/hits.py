@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from raymap.kernels import inner_kernel
+from raymap.jit.kernels import inner_kernel
 from tracer.lens.shape import BACK, FRONT, RIM, LensShape
 
 __all__ = ["INSIDE", "MISSED", "cap_normal", "enter", "inner_hit", "unit"]

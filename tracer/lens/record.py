@@ -19,13 +19,13 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.directory import ChannelSet, Directory, DisplayMesh
-from raymap.encoder import PortionEncoder
-from raymap.errors import SceneError
-from raymap.events import Event
-from raymap.kernels import kernel
-from raymap.portion import Descriptors, Portion
-from raymap.schema import NORMAL_SCALE, UV_SCALE
+from raymap.encoding.encoder import PortionEncoder
+from raymap.jit.kernels import kernel
+from raymap.model.directory import ChannelSet, Directory, DisplayMesh
+from raymap.model.errors import SceneError
+from raymap.model.events import Event
+from raymap.model.portion import Descriptors, Portion
+from raymap.model.schema import NORMAL_SCALE, UV_SCALE
 from tracer.engine.random import advance, stream_state, uniform
 from tracer.geometry.kinds import F64, I64
 from tracer.lens.branches import Forest, grow_forest
@@ -33,7 +33,7 @@ from tracer.lens.errors import LensError
 from tracer.lens.scene_lenses import LensScene
 from tracer.optics.polarization import transverse_axes
 from tracer.optics.polarization_rays import PolarizedRays
-from tracer.recording import record
+from tracer.run.recording import record
 from tracer.scene.arrays import L_MEDIUM, SOURCE_ROW
 from tracer.scene.compilations import compilation_of
 from tracer.scene.compile import Compilation
@@ -302,7 +302,7 @@ def record_lens_trees(
     emissions : how many rays the sources send
     depth : of every lens tree
     min_flux : a branch below this share of its emission is stopped
-    options : as of `tracer.recording.record`
+    options : as of `tracer.run.recording.record`
 
     Raises
     ------

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.kernels import inner_kernel, lean_kernel
+from raymap.jit.kernels import inner_kernel, lean_kernel
 from tracer.lens.arrays import RayArrays, starting_distance, to_lens, to_world
 from tracer.lens.hits import cap_normal, enter, inner_hit, unit
 from tracer.lens.shape import BACK, RIM, LensShape

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from raymap.kernels import inner_kernel, lean_kernel
+from raymap.jit.kernels import inner_kernel, lean_kernel
 from tracer.lens.arrays import (
     NodeArrays,
     RayArrays,

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from raymap.kernels import kernel
+from raymap.jit.kernels import kernel
 from tracer.lens.errors import LensError
 
 __all__ = ["BACK", "FRONT", "RIM", "LensShape", "lens_shape", "sag"]

@@ -11,7 +11,7 @@ import warnings
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tracer.optics.dispersion import OutOfRangeWarning
 
 __all__ = ["absorption_from_transmittance", "extinction_index"]

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 
-from raymap.kernels import kernel
+from raymap.jit.kernels import kernel
 
 __all__ = [
     "fresnel_amplitudes",

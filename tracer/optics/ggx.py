@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 
-from raymap.kernels import lean_kernel
+from raymap.jit.kernels import lean_kernel
 from tracer.geometry.directions import turned
 
 __all__ = ["Vector", "ggx_distribution", "ggx_masking", "sample_ggx_normal"]

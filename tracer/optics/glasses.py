@@ -20,7 +20,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from raymap.errors import MissingExtra, SceneError
+from raymap.model.errors import MissingExtra, SceneError
 from tracer.optics.absorption import absorption_from_transmittance
 from tracer.optics.dispersion import Dispersion, Kind
 from tracer.optics.maker_glasses import CATALOGUE_MAKERS, Row, find_row

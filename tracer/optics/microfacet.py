@@ -26,7 +26,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.kernels import lean_kernel
+from raymap.jit.kernels import lean_kernel
 from tracer.optics.fresnel import fresnel_reflectance
 from tracer.optics.ggx import ggx_distribution, ggx_masking, sample_ggx_normal
 from tracer.optics.microfacet_losses import (

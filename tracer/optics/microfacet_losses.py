@@ -16,8 +16,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.errors import SceneError
-from raymap.kernels import inner_kernel, lean_kernel
+from raymap.jit.kernels import inner_kernel, lean_kernel
+from raymap.model.errors import SceneError
 from tracer.geometry.directions import turned
 from tracer.optics.fresnel import fresnel_conductor, fresnel_reflectance
 from tracer.optics.ggx import Vector, ggx_masking, sample_ggx_normal

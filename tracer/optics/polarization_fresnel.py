@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 
-from raymap.kernels import kernel
+from raymap.jit.kernels import kernel
 
 __all__ = ["dielectric_amplitudes", "published_amplitudes", "s_vector", "split_field"]
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from raymap.kernels import kernel
+from raymap.jit.kernels import kernel
 from tracer.optics.polarization_rays import PolarizationError, PolarizedRays
 
 __all__ = ["coherent_flux", "interfere"]

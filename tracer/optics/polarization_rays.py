@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from raymap.errors import RayMapError
+from raymap.model.errors import RayMapError
 from tracer.optics.polarization import linear_field, transverse_axes
 
 __all__ = ["PolarizationError", "PolarizedRays", "natural_light", "require_transverse"]

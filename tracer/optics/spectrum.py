@@ -19,8 +19,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from raymap import colorimetry
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
+from raymap.optics import colorimetry
 from tracer.optics.dispersion import OutOfRangeWarning
 
 __all__ = [

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.errors import SceneError
-from raymap.textfile import plain_number, text_lines
+from raymap.model.errors import SceneError
+from raymap.model.textfile import plain_number, text_lines
 from tracer.light import IntensityGrid
 from tracer.photometry.luminous_opening import opening_of_eulumdat
 

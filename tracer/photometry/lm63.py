@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.errors import SceneError
-from raymap.textfile import plain_number, text_lines
+from raymap.model.errors import SceneError
+from raymap.model.textfile import plain_number, text_lines
 from tracer.light import IntensityGrid
 from tracer.photometry.goniometer import Readings, grid_of_type_a, grid_of_type_b
 from tracer.photometry.luminous_opening import opening_of_lm63

@@ -1,4 +1,4 @@
-"""Pictures as files: PNG (8 bit, sRGB), written without a library; OpenEXR is `raymap.exr`.
+"""Pictures as files: PNG (8 bit, sRGB), written without a library; OpenEXR is `raymap.tables.exr`.
 
 References
 ----------
@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from raymap.colorimetry import encode_srgb
-from raymap.exr import spectral_channels, write_exr
-from raymap.replacing import replacing
+from raymap.model.replacing import replacing
+from raymap.optics.colorimetry import encode_srgb
+from raymap.tables.exr import spectral_channels, write_exr
 
 __all__ = ["spectral_channels", "to_bytes", "write_animation", "write_exr", "write_png"]
 

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from raymap.colorimetry import decode_srgb
-from raymap.errors import MissingExtra, SceneError
-from raymap.givenfile import check_given
+from raymap.model.errors import MissingExtra, SceneError
+from raymap.model.givenfile import check_given
+from raymap.optics.colorimetry import decode_srgb
 from tracer.crystals.load import Model, Number, Vector, checked, read_text
 from tracer.crystals.scene_language import bodies_of, world_of
 from tracer.named_files import named_file

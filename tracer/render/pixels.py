@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from raymap.kernels import inner_kernel, kernel
+from raymap.jit.kernels import inner_kernel, kernel
 from tracer.crystals.bodies import BodyArrays
 from tracer.crystals.rows import EPS_ORDINARY
 from tracer.crystals.tree import (

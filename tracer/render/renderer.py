@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.colorimetry import encode_srgb
-from raymap.errors import SceneError
-from raymap.replacing import replacing
+from raymap.model.errors import SceneError
+from raymap.model.replacing import replacing
+from raymap.optics.colorimetry import encode_srgb
 from tracer.crystals.bodies import BodyArrays, CrystalBody, compile_bodies
 from tracer.crystals.media import Crystal, isotropic
 from tracer.crystals.rows import ISOTROPIC, KIND

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from raymap.errors import SceneError
-from raymap.kernels import inner_kernel
+from raymap.jit.kernels import inner_kernel
+from raymap.model.errors import SceneError
 
 __all__ = ["WALLS", "Room", "RoomArrays", "checker_board", "uniform", "wall_radiance"]
 

@@ -20,7 +20,7 @@ from importlib import resources
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from raymap.colorimetry import color_matching, illuminant_d65, xyz_to_linear_srgb
+from raymap.optics.colorimetry import color_matching, illuminant_d65, xyz_to_linear_srgb
 
 __all__ = ["primary_spectra", "rgb_weights", "visible_wavelengths"]
 

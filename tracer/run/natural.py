@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from raymap.cells import is_pinhole
-from raymap.directory import ChannelSet, Directory, DisplayMesh
-from raymap.encoder import PortionEncoder
-from raymap.portion import Portion
-from raymap.schema import PORTION_RAYS
+from raymap.encoding.encoder import PortionEncoder
+from raymap.model.directory import ChannelSet, Directory, DisplayMesh
+from raymap.model.portion import Portion
+from raymap.model.schema import PORTION_RAYS
+from raymap.optics.cells import is_pinhole
 from tracer.engine.wavefront import Wavefront
-from tracer.rehearsal import compile_trace, order_faces
-from tracer.results import depth_limit
+from tracer.run.rehearsal import compile_trace, order_faces
+from tracer.run.results import depth_limit
 from tracer.run.trace import Trace
 from tracer.scene.arrays import R_RAYS, R_SPLITS
 from tracer.scene.compile import Compilation

@@ -2,7 +2,7 @@
 
 A `Trace` is a scene that is ready to be recorded: natural, weighted or polarised light, lenses as
 trees, crystals. Of a trace and a seed comes an `Engine`, which turns ray numbers into portions. The
-run (`tracer.recording`) knows nothing else of them.
+run (`tracer.run.recording`) knows nothing else of them.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Protocol
 
-from raymap.directory import ChannelSet, Directory, DisplayMesh
-from raymap.encoder import PortionEncoder
-from raymap.portion import Portion
+from raymap.encoding.encoder import PortionEncoder
+from raymap.model.directory import ChannelSet, Directory, DisplayMesh
+from raymap.model.portion import Portion
 
 if TYPE_CHECKING:
     from tracer.engine.pinhole import Pinholes

@@ -10,7 +10,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tracer.run.natural import NaturalTrace
 from tracer.run.trace import Trace
 from tracer.scene.compilations import compilation_of

@@ -20,7 +20,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.givenfile import given_bytes
+from raymap.model.givenfile import given_bytes
 from tracer.scattering.measurement import MeasurementError, ScatterTable
 
 __all__ = ["read_bsdf_xml"]

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from raymap.cli import Json, Panel, emit_json, warnings_on_stderr
-from raymap.doubt import FOOTNOTE, marked, with_doubts
-from raymap.extras import require
-from raymap.replacing import check_folder
+from raymap.cli.options import Json, Panel, emit_json, warnings_on_stderr
+from raymap.model.doubt import FOOTNOTE, marked, with_doubts
+from raymap.model.extras import require
+from raymap.model.replacing import check_folder
 
 if TYPE_CHECKING:
     from tracer.scattering.fit_material import MaterialFit

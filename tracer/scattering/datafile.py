@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from raymap.givenfile import given_text
+from raymap.model.givenfile import given_text
 from tracer.scattering.bsdf_xml import read_bsdf_xml
 from tracer.scattering.measurement import (
     FluxTable,

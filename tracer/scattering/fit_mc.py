@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.errors import MissingExtra
+from raymap.model.errors import MissingExtra
 from tracer.scattering.fit_exact import published_objective
 from tracer.scattering.goniophotometer import AngularGrid, plate_problem
 from tracer.scattering.medium import ScatteringMedium

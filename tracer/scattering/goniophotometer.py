@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tracer.scattering.medium import ScatteringMedium
 from tracer.scattering.plate_kernel import TOTALS, PlateProblem, trace_plate
 from tracer.scattering.tilt import SMOOTH, TiltDistribution

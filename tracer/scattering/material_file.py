@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from raymap.replacing import replacing
+from raymap.model.replacing import replacing
 from tracer.scattering.fit_material import MaterialFit
 from tracer.scattering.goniophotometer import Goniogram
 

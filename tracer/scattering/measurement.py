@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.errors import MeasurementError
+from raymap.model.errors import MeasurementError
 
 __all__ = ["FluxTable", "MaterialMeasurement", "MeasurementError", "ScatterTable", "check_flux"]
 

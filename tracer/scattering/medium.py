@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 
 __all__ = ["ScatteringMedium"]
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
-from raymap.errors import SceneError
-from raymap.givenfile import given_text
+from raymap.model.errors import SceneError
+from raymap.model.givenfile import given_text
 from tracer.scattering.medium import ScatteringMedium
 from tracer.scene.media import refractive_index
 from tracer.scene.model import RGB_NM, MediumModel

@@ -32,7 +32,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tracer.scattering.medium import ScatteringMedium
 from tracer.scattering.quadrature import (
     PlateDirections,

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.kernels import kernel
+from raymap.jit.kernels import kernel
 from tracer.engine.random import advance, stream_state, uniform
 from tracer.optics.fresnel import fresnel_reflectance
 from tracer.optics.phase import sample_generalized, sample_henyey_greenstein

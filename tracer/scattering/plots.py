@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from raymap.doubt import marked
-from raymap.extras import require
+from raymap.model.doubt import marked
+from raymap.model.extras import require
 from tracer.figures import save_figure
 from tracer.scattering.fit_material import MaterialFit
 from tracer.scattering.goniophotometer import Goniogram

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from raymap.errors import SceneError
-from raymap.events import Event
-from raymap.portion import Portion
-from raymap.schema import COLOR_SCALE, NORMAL_SCALE
+from raymap.model.errors import SceneError
+from raymap.model.events import Event
+from raymap.model.portion import Portion
+from raymap.model.schema import COLOR_SCALE, NORMAL_SCALE
 from tracer.scattering.goniophotometer import AngularGrid, Goniogram
 from tracer.scene.compilations import compilation_of
 from tracer.scene.compile import Compilation
@@ -91,7 +91,7 @@ def _recorded(
     compilation: Compilation, rays: int, seed: int, path: Path, force: bool
 ) -> Iterator[Portion]:
     import raymap
-    from tracer.recording import record
+    from tracer.run.recording import record
 
     record(compilation, path, rays=rays, seed=seed, force=force)
     with raymap.open(path) as stored:

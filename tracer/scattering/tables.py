@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.givenfile import given_text
+from raymap.model.givenfile import given_text
 from tracer.scattering.measurement import FluxTable, MeasurementError, ScatterTable
 
 __all__ = ["read_flux_csv", "read_scatter_astm", "read_scatter_csv"]

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tracer.scattering.quadrature import fresnel_column
 
 __all__ = ["SMOOTH", "TiltDistribution", "gaussian_tilt", "tabulated_tilt", "tilt_from_brdf"]

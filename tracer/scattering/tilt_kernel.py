@@ -17,7 +17,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.kernels import kernel
+from raymap.jit.kernels import kernel
 from tracer.engine.random import advance, uniform
 from tracer.geometry.directions import turned
 from tracer.optics.fresnel import fresnel_reflectance, refract

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tracer.geometry.body import Body
 from tracer.geometry.lens_body import LensBody
 from tracer.scene.box_pairs import meeting_boxes

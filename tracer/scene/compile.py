@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.collecting import no_collecting
-from raymap.directory import (
+from raymap.jit.collecting import no_collecting
+from raymap.model.directory import (
     BoundingSphere,
     ChannelSet,
     Directory,
@@ -20,9 +20,9 @@ from raymap.directory import (
     Source,
     Surface,
 )
-from raymap.errors import SceneError
-from raymap.limits import MAX_INDEX, MAX_NAME
-from raymap.plaintext import plain_text
+from raymap.model.errors import SceneError
+from raymap.model.limits import MAX_INDEX, MAX_NAME
+from raymap.model.plaintext import plain_text
 from tracer.geometry.kinds import ANNULUS, CYLINDER, MESH, RECTANGLE, SPHERE
 from tracer.geometry.shape_columns import ShapeColumns
 from tracer.named_files import named_file
@@ -278,7 +278,7 @@ class _Compiler:
         return directory.model_copy(update={"scene_hash": _scene_hash(scene)})
 
     def _channel_set(self, colors: Array) -> ChannelSet:
-        from raymap.colorimetry import RGB_LUMINANCE, channel_display_rgb, luminous_efficacy
+        from raymap.optics.colorimetry import RGB_LUMINANCE, channel_display_rgb, luminous_efficacy
 
         rgb = self.scene.spectrum.kind == "rgb"
         unit = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))

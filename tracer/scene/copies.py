@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, field_validator
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tracer.scene.fields import Node, Vector
 
 __all__ = ["CopiesModel", "with_copies"]

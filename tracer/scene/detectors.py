@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.directory import Detector
-from raymap.errors import SceneError
+from raymap.model.directory import Detector
+from raymap.model.errors import SceneError
 from tracer.geometry.mesh import TriangleMesh
 from tracer.geometry.shapes import Rectangle
 from tracer.scene.arrays import (

@@ -10,8 +10,8 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.directory import DisplayMesh, Face, SceneObject
-from raymap.errors import SceneError
+from raymap.model.directory import DisplayMesh, Face, SceneObject
+from raymap.model.errors import SceneError
 from tracer.geometry.bodies import MeshBody
 from tracer.geometry.body import Body, FacePlan
 from tracer.geometry.lens_body import LensBody

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 
 __all__ = [
     "ByWavelength",

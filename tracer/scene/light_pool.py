@@ -25,8 +25,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.errors import RayMapError, SceneError
-from raymap.units import length_scale
+from raymap.model.errors import RayMapError, SceneError
+from raymap.model.units import length_scale
 from tracer.light import IntensityGrid
 
 __all__ = ["LightPool", "PooledList", "length_in"]

@@ -11,8 +11,8 @@ from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from raymap.errors import SceneError
-from raymap.givenfile import given_text
+from raymap.model.errors import SceneError
+from raymap.model.givenfile import given_text
 from tracer.crystals.rhomb_body import RhombBody
 from tracer.geometry.bodies import BODIES
 from tracer.geometry.body import Body

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.directory import Medium
-from raymap.errors import RayMapError, SceneError
-from raymap.units import length_scale
+from raymap.model.directory import Medium
+from raymap.model.errors import RayMapError, SceneError
+from raymap.model.units import length_scale
 from tracer.optics import dispersion, phase
 from tracer.optics.glasses import Glass, find_glass
 from tracer.scene.fields import ByWavelength

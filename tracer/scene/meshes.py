@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.directory import Quadric
+from raymap.model.directory import Quadric
 from tracer.geometry.bodies import MeshBody
 from tracer.geometry.kinds import MESH, ROW
 from tracer.geometry.mesh import TriangleMesh

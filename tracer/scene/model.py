@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, SerializeAsAny, SerializerFunctionWrapHandler, model_serializer
 
-from raymap.limits import MAX_CHANNELS
+from raymap.model.limits import MAX_CHANNELS
 from tracer.geometry.body import Body
 from tracer.scene.detector_model import DetectorModel
 from tracer.scene.fields import Finite, Length, Node, Positive, Share, Spectral

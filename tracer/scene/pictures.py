@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.colorimetry import decode_srgb
-from raymap.errors import MissingExtra, SceneError
-from raymap.givenfile import check_given
+from raymap.model.errors import MissingExtra, SceneError
+from raymap.model.givenfile import check_given
+from raymap.optics.colorimetry import decode_srgb
 from tracer.named_files import named_file
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from raymap.errors import SceneError
-from raymap.wildcards import Wildcard
+from raymap.model.errors import SceneError
+from raymap.model.wildcards import Wildcard
 from tracer.geometry.shapes import Annulus, Rectangle, Shape
 from tracer.scene.arrays import (
     TARGET_RECTANGLE,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tracer.engine.scattering import specular_share
 from tracer.optics.abg import scatter_share
 from tracer.scene.arrays import (

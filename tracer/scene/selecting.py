@@ -10,8 +10,8 @@ import difflib
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from raymap.errors import SceneError
-from raymap.wildcards import Wildcard
+from raymap.model.errors import SceneError
+from raymap.model.wildcards import Wildcard
 from tracer.scene.fields import Node
 
 __all__ = ["KINDS", "Selecting", "SimulationModel", "select_parts"]

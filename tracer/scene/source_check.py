@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.errors import SceneError
-from raymap.events import Event
-from raymap.portion import Portion
+from raymap.model.errors import SceneError
+from raymap.model.events import Event
+from raymap.model.portion import Portion
 from tracer.engine.wavefront import Wavefront
 
 if TYPE_CHECKING:

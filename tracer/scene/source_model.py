@@ -19,7 +19,7 @@ from pydantic import (
     model_validator,
 )
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tracer.light import IntensityGrid, RayList
 from tracer.named_files import named_file
 from tracer.scene.fields import ByWavelength, Node, Placed, Positive, Vector, is_direction

@@ -11,9 +11,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.directory import ChannelSet
-from raymap.errors import SceneError
-from raymap.photometry import channel_efficacy
+from raymap.model.directory import ChannelSet
+from raymap.model.errors import SceneError
+from raymap.optics.photometry import channel_efficacy
 from tracer.light import IntensityGrid, Opening, RayList
 from tracer.optics.dispersion import OutOfRangeWarning
 from tracer.optics.spectrum import SourceSpectrum, tabulated_spectrum

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from raymap.colorimetry import RGB_LUMINANCE
-from raymap.errors import SceneError
-from raymap.photometry import RGB_EFFICACY
+from raymap.model.errors import SceneError
+from raymap.optics.colorimetry import RGB_LUMINANCE
+from raymap.optics.photometry import RGB_EFFICACY
 from tracer.optics import spectrum
 from tracer.optics.spectrum import SourceSpectrum
 from tracer.scene.fields import Node, Positive, Share
@@ -115,7 +115,7 @@ def convert_flux(
     light : spectrum of the source, None if it has none
     wavelengths_nm : channels of a spectral trace, so that the light carries the lumens given even
         where its channels are few; None for an RGB trace, whose watts are lumens by 179 lm/W of
-        white (`raymap.photometry`)
+        white (`raymap.optics.photometry`)
     name : of the source, for messages
 
     Raises

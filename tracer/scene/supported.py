@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from raymap.cells import is_pinhole
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
+from raymap.optics.cells import is_pinhole
 from tracer.scene.arrays import (
     COLLIMATED,
     FROM_POINT,

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tracer.optics import abg, bsdf, coatings, microfacet_losses
 from tracer.scene.arrays import (
     ABSORBER,

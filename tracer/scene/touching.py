@@ -14,7 +14,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.directory import Quadric
+from raymap.model.directory import Quadric
 from tracer.geometry.mesh import TriangleMesh
 from tracer.geometry.shape_columns import ShapeColumns
 from tracer.geometry.shapes import (

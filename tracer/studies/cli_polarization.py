@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from raymap.cli import Json, Panel, emit_json
+from raymap.cli.options import Json, Panel, emit_json
 
 if TYPE_CHECKING:
     from tracer.lens import Lens
@@ -259,7 +259,7 @@ def lens_picture(
     depth: Depth = 4,
 ) -> None:
     """Paint a board of squares seen through a lens."""
-    from raymap.colorimetry import encode_srgb
+    from raymap.optics.colorimetry import encode_srgb
     from tracer.figures import check_picture, save_picture
     from tracer.studies.lens_pictures import LensCamera
     from tracer.studies.lens_pictures import lens_picture as render

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from raymap.cli import Json, emit_json
-from raymap.errors import SceneError
+from raymap.cli.options import Json, emit_json
+from raymap.model.errors import SceneError
 
 if TYPE_CHECKING:
     from tracer.studies.specimens import CrystalPlate

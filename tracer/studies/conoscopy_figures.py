@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from raymap.colorimetry import xyz_to_linear_srgb
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
+from raymap.optics.colorimetry import xyz_to_linear_srgb
 from tracer.crystals.media import Crystal, biaxial, calcite, rotation_between
 from tracer.crystals.plates import plate_retardation
 from tracer.crystals.waves import waves_along

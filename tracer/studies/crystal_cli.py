@@ -8,9 +8,9 @@ from typing import Annotated, Any
 
 import typer
 
-from raymap.cli import Json, Panel, emit_json
-from raymap.errors import RayMapError, SceneError
-from raymap.replacing import check_folder, check_place
+from raymap.cli.options import Json, Panel, emit_json
+from raymap.model.errors import RayMapError, SceneError
+from raymap.model.replacing import check_folder, check_place
 
 __all__ = ["register"]
 

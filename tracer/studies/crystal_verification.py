@@ -15,7 +15,7 @@ from typing import Any, TypeVar, cast
 
 from pydantic import BaseModel
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tracer.crystals.load import parse_toml
 from tracer.crystals.local_model import LocalModel, raymap_model
 from tracer.render.load import load_render_text

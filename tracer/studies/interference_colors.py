@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from raymap.colorimetry import (
+from raymap.optics.colorimetry import (
     color_matching,
     encode_srgb,
     illuminant_a,

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from raymap.directory import Directory
-from raymap.errors import SceneError
+from raymap.model.directory import Directory
+from raymap.model.errors import SceneError
 from tracer.geometry.bodies import MeshBody, RingBody
 from tracer.geometry.body import Body
 from tracer.geometry.lens_body import LensBody

@@ -17,7 +17,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.colorimetry import xyz_to_linear_srgb
+from raymap.optics.colorimetry import xyz_to_linear_srgb
 from tracer.lens import Lens, LensError, LensTree, trace_lens
 from tracer.lens.forward import RGB_NM, Mode
 from tracer.optics.polarization import transverse_axes

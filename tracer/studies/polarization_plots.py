@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.extras import require
+from raymap.model.extras import require
 from tracer.studies.cone import AxialCone, MaskedCone
 from tracer.studies.interference_colors import interference_srgb, srgb_of
 from tracer.studies.levels import LevelShares

@@ -9,8 +9,8 @@ from xml.sax.saxutils import escape
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.errors import RayMapError
-from raymap.replacing import check_place, replacing
+from raymap.model.errors import RayMapError
+from raymap.model.replacing import check_place, replacing
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.model import Scene
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.colorimetry import xyz_to_linear_srgb
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
+from raymap.optics.colorimetry import xyz_to_linear_srgb
 from tracer.crystals.media import Crystal
 from tracer.crystals.plates import plate_retardation, plate_waves
 from tracer.render.images import to_bytes, write_animation

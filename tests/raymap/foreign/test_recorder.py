@@ -10,10 +10,10 @@ import pytest
 
 import query
 import raymap
-from raymap.errors import InvalidPortion, MapExists
-from raymap.events import Event
+from raymap.file.verify import verify
 from raymap.foreign.recorder import Point, RayRecorder
-from raymap.verify import verify
+from raymap.model.errors import InvalidPortion, MapExists
+from raymap.model.events import Event
 
 OBJECTS: dict[str, tuple[str, ...]] = {"ball": (), "floor": ("top", "bottom")}
 START = Point(position=(0, 0, 3), event=Event.EMITTED)

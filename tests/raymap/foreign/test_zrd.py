@@ -12,11 +12,11 @@ import pytest
 
 import query
 import raymap
-from raymap.errors import MapExists, RayMapError
-from raymap.events import Event
+from raymap.file.verify import verify
 from raymap.foreign.zrd import SEGMENT, ZrdError
 from raymap.foreign.zrd_map import import_zrd
-from raymap.verify import verify
+from raymap.model.errors import MapExists, RayMapError
+from raymap.model.events import Event
 
 SOURCE, PLATE, WALL = 1, 2, 5
 INDEX = 1.5

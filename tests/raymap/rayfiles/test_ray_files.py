@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from raymap import rayfiles
-from raymap.errors import MapExists
+from raymap.model.errors import MapExists
 from raymap.rayfiles import RayFileError, RaySet, Spectrum
 
 

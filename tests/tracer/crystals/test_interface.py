@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tracer.crystals.interface import WAVE, interface_batch
 from tracer.crystals.local import s_and_p, solve_interface
 from tracer.crystals.media import Crystal, biaxial, isotropic, rotation_between, uniaxial

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tracer.crystals.conical import cone_opening, conical_rays, ring_of_plate
 from tracer.crystals.media import Crystal, biaxial, calcite, isotropic, rotation_between, uniaxial
 from tracer.crystals.rows import BIAXIAL, ISOTROPIC, KIND, UNIAXIAL

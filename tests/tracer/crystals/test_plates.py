@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tracer.crystals.media import Crystal, biaxial, calcite, isotropic, rotation_between, uniaxial
 from tracer.crystals.plates import plate_jones, plate_retardation
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import raymap
-from raymap.errors import SceneError
-from raymap.events import Event
+from raymap.model.errors import SceneError
+from raymap.model.events import Event
 from tracer.crystals.branching import trace_tree
 from tracer.crystals.media import isotropic
 from tracer.crystals.scene_language import crystal_scene_of
-from tracer.recording import record
+from tracer.run.recording import record
 from tracer.scene.load import parse_scene
 
 SCENE = """

@@ -9,9 +9,9 @@ import pytest
 
 import raymap
 from query import detected, event, hit, select
-from raymap.errors import SceneError, SceneMismatch
+from raymap.model.errors import SceneError, SceneMismatch
 from tracer.crystals.scene_language import compile_crystals, crystal_scene_of
-from tracer.recording import record
+from tracer.run.recording import record
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import load_scene, parse_scene
 

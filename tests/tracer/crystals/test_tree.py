@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tracer.crystals.bodies import box, calcite_rhomb, compile_bodies, convex_body, mesh_body
 from tracer.crystals.branching import coherent_sum, trace_tree
 from tracer.crystals.local import s_and_p

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from raymap.events import Event
+from raymap.model.events import Event
 from tests.tracer.engine.tracing import assert_share, trace
 
 MEDIA = """

@@ -15,12 +15,12 @@ from typer.testing import CliRunner
 
 import query
 import raymap
-from raymap.cells import cell_measure
 from raymap.cli import application
-from raymap.errors import RayMapError, SceneError
+from raymap.model.errors import RayMapError, SceneError
+from raymap.optics.cells import cell_measure
 from tests.tracer.chi2 import SIGNIFICANCE, chi2_counts
 from tests.tracer.engine.tracing import compiled, trace
-from tracer.recording import record
+from tracer.run.recording import record
 from tracer.scene.detector_model import DetectorModel
 from tracer.scene.load import parse_scene
 

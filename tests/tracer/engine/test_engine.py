@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from raymap.events import ENDINGS, Event
-from raymap.portion import Portion
+from raymap.model.events import ENDINGS, Event
+from raymap.model.portion import Portion
 from tests.tracer.engine.tracing import Trace, compiled, trace
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.load import load_scene

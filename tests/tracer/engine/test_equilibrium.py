@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from tests.tracer.engine.tracing import compiled
-from tracer.recording import record
+from tracer.run.recording import record
 
 HALF = 5.0
 RAYS = 300_000

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from raymap.errors import SceneError
-from raymap.events import Event
+from raymap.model.errors import SceneError
+from raymap.model.events import Event
 from tests.tracer.engine.tracing import HEAD, Trace, trace
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import parse_scene

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from raymap.events import Event
-from tracer.recording import record
+from raymap.model.events import Event
+from tracer.run.recording import record
 from tracer.scene.load import load_scene, parse_scene
 from tracer.scene.media import refractive_index
 from tracer.trace import trace_rays

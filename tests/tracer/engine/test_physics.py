@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from raymap.events import Event
+from raymap.model.events import Event
 from tests.tracer.engine.tracing import assert_share, compiled, trace
 from tracer.optics.fresnel import fresnel_reflectance
 

@@ -12,10 +12,10 @@ from scipy.stats import chi2 as chi2_distribution
 
 import query
 import raymap
-from raymap.errors import RayMapError, SceneError
+from raymap.model.errors import RayMapError, SceneError
 from tests.tracer.chi2 import SIGNIFICANCE
 from tests.tracer.engine.test_detectors import UNITS, agree, pictures
-from tracer.recording import record
+from tracer.run.recording import record
 from tracer.scene.load import parse_scene
 
 EYE = """
@@ -303,7 +303,7 @@ def test_other_engines_refuse_what_they_do_not_know(tmp_path: Path) -> None:
 
 
 def test_repair_keeps_a_picture_that_is_whole(tmp_path: Path) -> None:
-    from raymap.repair import repair
+    from raymap.file.repair import repair
 
     source, mended = tmp_path / "a.raymap", tmp_path / "b.raymap"
     record(

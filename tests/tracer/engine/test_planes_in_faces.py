@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.tracer.engine.tracing import compiled
-from tracer.recording import record
+from tracer.run.recording import record
 
 # A turned plate and a white wall, each with a virtual plane just before it and one in its face
 PLATE = """

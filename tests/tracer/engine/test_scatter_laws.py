@@ -12,8 +12,8 @@ import warnings
 import numpy as np
 import pytest
 
-from raymap.errors import SceneError
-from raymap.events import Event
+from raymap.model.errors import SceneError
+from raymap.model.events import Event
 from tests.tracer.engine.tracing import Trace, compiled
 from tracer.engine.wavefront import Wavefront
 from tracer.optics.fresnel import fresnel_reflectance

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from raymap.portion import Portion
+from raymap.model.portion import Portion
 from tracer.engine.wavefront import Wavefront
-from tracer.rehearsal import order_faces
+from tracer.run.rehearsal import order_faces
 from tracer.scene.arrays import F_OBJECT, F_TRIANGLE
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import load_scene, parse_scene

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from raymap.events import Event
+from raymap.model.events import Event
 from tests.tracer.engine.tracing import Trace, assert_share, trace
 from tracer.optics.fresnel import fresnel_conductor, fresnel_reflectance
 

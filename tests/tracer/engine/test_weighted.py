@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 import raymap
 from query import path_table, select
-from query.ghosts import ghost_matrix
-from raymap.events import Event
-from raymap.portion import Portion
+from query.answers.ghosts import ghost_matrix
+from raymap.model.events import Event
+from raymap.model.portion import Portion
 from tests.tracer.engine.tracing import compiled
 from tracer.engine.wavefront import Wavefront
-from tracer.pieces import split_portion
-from tracer.recording import record
+from tracer.run.pieces import split_portion
+from tracer.run.recording import record
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.load import parse_scene
 

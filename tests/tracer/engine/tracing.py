@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.events import Event
-from raymap.portion import Portion
+from raymap.model.events import Event
+from raymap.model.portion import Portion
 from tracer.engine.wavefront import Wavefront
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.load import parse_scene

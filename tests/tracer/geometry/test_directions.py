@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.kernels import kernel
+from raymap.jit.kernels import kernel
 from tracer.geometry.directions import about, turned
 
 F64 = NDArray[np.float64]

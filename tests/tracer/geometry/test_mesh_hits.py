@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from raymap.kernels import kernel
+from raymap.jit.kernels import kernel
 from tracer.engine.random import advance, stream_state, uniform
 from tracer.geometry.mesh import TriangleMesh, make_mesh, smooth_normals
 from tracer.geometry.mesh_arrays import MeshArrays, MeshScratch, mesh_scratch

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from raymap.cli import application
-from raymap.errors import RayMapError, SceneError
+from raymap.model.errors import RayMapError, SceneError
 from tracer.geometry.bodies import RingBody
 from tracer.geometry.lens_body import LensBody
 from tracer.importers.codev import parse_codev

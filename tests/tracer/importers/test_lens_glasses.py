@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tests.tracer.importers.lens_texts import opened, zemax
 from tracer.importers.lens_scene import ImportedLens
 from tracer.optics.glasses import find_shipped

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import tracer
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tests.tracer.importers.lens_texts import messages, opened, zemax
 from tracer.importers.lens_scene import import_lens
 from tracer.importers.prescription import ImportWarning

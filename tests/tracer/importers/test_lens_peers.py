@@ -15,7 +15,7 @@ import pytest
 import raymap
 from tracer.importers.lens_scene import ImportedLens, import_lens
 from tracer.importers.text import read_text
-from tracer.recording import record
+from tracer.run.recording import record
 from tracer.scene.load import load_scene
 from tracer.scene.model import Scene
 from tracer.trace import trace_rays

@@ -15,7 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 from raymap.cli import application
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tests.tracer.importers.lens_texts import codev, opened, zemax
 from tracer.importers import codev_words, zemax_words
 from tracer.importers.codev import parse_codev

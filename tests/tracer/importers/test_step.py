@@ -23,7 +23,7 @@ from typer.testing import CliRunner
 
 import raymap
 from raymap.cli import application
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tests.tracer.importers.step_files import Part, faces_only, write_step
 from tracer.geometry.mesh import TriangleMesh
 from tracer.geometry.shapes import Cylinder, Frustum, SphereCap
@@ -32,7 +32,7 @@ from tracer.importers.prescription import ImportWarning
 from tracer.importers.step_error import reflection_error_mrad
 from tracer.importers.step_mesh import mesh_of_solid
 from tracer.importers.step_read import read_step
-from tracer.recording import record
+from tracer.run.recording import record
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import load_scene, parse_scene
 from tracer.trace import trace_rays
@@ -370,7 +370,7 @@ def test_a_solid_has_the_name_of_its_product(
 def test_cavities_are_wound_inward_in_exports(tmp_path: Path, suffix: str, triangles: str) -> None:
     """trimesh sums signed volumes: a box less the ball in it."""
     trimesh = pytest.importorskip("trimesh")
-    from viewer.models import export_3d
+    from viewer.export import export_3d
 
     box = BRepPrimAPI_MakeBox(10.0, 10.0, 10.0).Shape()
     ball = BRepPrimAPI_MakeSphere(gp_Pnt(5.0, 5.0, 5.0), 3.0).Shape()

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 import raymap
-from raymap.checks import check_portion
-from raymap.errors import MapExists
-from raymap.events import Event
+from raymap.file.checks import check_portion
+from raymap.model.errors import MapExists
+from raymap.model.events import Event
 from tracer import compile_scene, parse_scene
 from tracer.lens import LensError
 from tracer.lens.record import LensTracer, LensTreeTrace, record_lens_trees
 from tracer.polarized_record import Polarization, record_polarized
-from tracer.results import StoppedLight
+from tracer.run.results import StoppedLight
 
 SCENE = """
 length_unit = "mm"

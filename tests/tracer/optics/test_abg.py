@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tests.tracer.chi2 import chi2_sphere
 from tracer.optics import abg as scatter
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tests.tracer.chi2 import chi2_line, chi2_sphere
 from tracer.optics import bsdf
 

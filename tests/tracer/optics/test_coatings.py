@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tracer.optics import coatings
 from tracer.optics.coatings import Layer, coating_share, layer_coating, stack_shares
 from tracer.optics.fresnel import fresnel_reflectance

@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 import pytest
 
-from raymap.errors import MissingExtra, SceneError
+from raymap.model.errors import MissingExtra, SceneError
 from tracer.optics import dispersion as law
 from tracer.optics.absorption import absorption_from_transmittance, extinction_index
 from tracer.optics.glasses import find_glass, glass_names

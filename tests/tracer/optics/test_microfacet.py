@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from raymap.errors import SceneError
-from raymap.kernels import kernel
+from raymap.jit.kernels import kernel
+from raymap.model.errors import SceneError
 from tests.tracer.chi2 import chi2_sphere
 from tracer.optics import microfacet as mf
 from tracer.optics import microfacet_losses as losses

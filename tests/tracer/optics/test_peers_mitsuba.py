@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from raymap.kernels import kernel
+from raymap.jit.kernels import kernel
 from tests.tracer.chi2 import chi2_counts
 from tracer.optics import microfacet as mf
 from tracer.optics import microfacet_losses as losses

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tests.tracer.chi2 import chi2_line
 from tracer.optics import phase
 

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from raymap import colorimetry
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
+from raymap.optics import colorimetry
 from tracer.optics import spectrum as s
 from tracer.optics.dispersion import OutOfRangeWarning
 

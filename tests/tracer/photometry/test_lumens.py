@@ -15,12 +15,12 @@ from scipy.stats import chi2
 
 import query
 import raymap
-from query.energy import audit
+from query.answers.energy import audit
 from raymap import rayfiles
-from raymap.colorimetry import chromaticity, photopic
+from raymap.optics.colorimetry import chromaticity, photopic
 from tests.raymap.test_lumen_squares import asked_of_paths
 from tracer import record
-from tracer.results import RecordResult
+from tracer.run.results import RecordResult
 
 LINES = """
 length_unit = "m"
@@ -211,7 +211,7 @@ def everything(result: RecordResult, ray_map: raymap.RayMap, folder: Path) -> di
         np.testing.assert_allclose(watts, image.watts, rtol=1e-4, atol=1e-12)
     whole = audit(ray_map)
     counted = [
-        [result.fluxes["sources"][source][kind]["flux"] for kind in query.energy.CLASSES]
+        [result.fluxes["sources"][source][kind]["flux"] for kind in query.answers.energy.CLASSES]
         for source in ("a", "b")
     ]
     np.testing.assert_allclose(whole.flux, counted, rtol=1e-6, atol=1e-9)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tracer.light import IntensityGrid, Opening
 from tracer.photometry import eulumdat, lm63
 

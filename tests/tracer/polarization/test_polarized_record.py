@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import raymap
-from raymap.errors import MapExists, SceneError
-from raymap.events import Event
-from raymap.portion import Portion
+from raymap.model.errors import MapExists, SceneError
+from raymap.model.events import Event
+from raymap.model.portion import Portion
 from tracer import compile_scene, parse_scene
 from tracer.lens import Lens
 from tracer.polarized_record import Polarization, PolarizedWavefront, record_polarized

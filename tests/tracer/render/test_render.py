@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from raymap.errors import SceneError
-from raymap.replacing import NotWritten
+from raymap.model.errors import SceneError
+from raymap.model.replacing import NotWritten
 from tracer.crystals.scene_language import crystal_scene_of
 from tracer.render.camera import Camera
 from tracer.render.images import spectral_channels, to_bytes, write_exr, write_png
@@ -134,7 +134,7 @@ def test_bare_walls_have_their_colour():
         closed = rgb_weights(wavelengths).T @ primary_spectra(wavelengths)
         np.testing.assert_allclose(closed, np.eye(3), atol=1e-12)
     # With 21 of them the observer alone is nearly enough
-    from raymap.colorimetry import color_matching, xyz_to_linear_srgb
+    from raymap.optics.colorimetry import color_matching, xyz_to_linear_srgb
 
     wavelengths = visible_wavelengths(21)
     raw = xyz_to_linear_srgb(color_matching(wavelengths)).T @ primary_spectra(wavelengths)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tracer.optics.phase import sample_generalized
 from tracer.scattering.goniophotometer import AngularGrid, measure_plate, measure_spectrum
 from tracer.scattering.medium import ScatteringMedium

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tests.naive.adding_doubling import doubled_plate
 from tracer.optics.phase import generalized_row, legendre_moments, rayleigh_row
 from tracer.scattering.medium import ScatteringMedium

@@ -10,7 +10,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from raymap.errors import RayMapError
+from raymap.model.errors import RayMapError
 from tests.tracer.scattering.synthetic import CLEAR, flux_table
 from tracer.scattering.cli import register
 from tracer.scattering.medium_file import load_media

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import raymap
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tracer.scattering.goniophotometer import AngularGrid, measure_plate
 from tracer.scattering.medium import ScatteringMedium
 from tracer.scattering.plate_exact import reflectance_transmittance

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.portion import Portion
+from raymap.model.portion import Portion
 from tracer.engine.wavefront import Wavefront
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import parse_scene

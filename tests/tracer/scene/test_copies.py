@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import parse_scene
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from raymap.errors import RayMapError
+from raymap.model.errors import RayMapError
 from tracer.crystals.scene_language import compile_crystals
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import parse_scene

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tests.tracer.chi2 import SIGNIFICANCE, chi2_counts, chi2_sphere
 from tests.tracer.engine.tracing import compiled, trace
 from tests.tracer.scene.emission import directions, emitted, starts, with_source

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tests.tracer.engine.test_settled import crowd
 from tracer.engine.wavefront import Wavefront
 from tracer.geometry.kinds import ANNULUS, CYLINDER, POLYGON, RECTANGLE, SPHERE

@@ -11,7 +11,7 @@ import warnings
 
 import pytest
 
-from raymap.events import Event
+from raymap.model.events import Event
 from tests.tracer.engine.tracing import assert_share, compiled, trace
 from tracer.scene.media import MissingAbsorption
 

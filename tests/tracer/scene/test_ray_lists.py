@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tests.tracer.chi2 import SIGNIFICANCE, chi2_counts
 from tests.tracer.scene.emission import directions, emitted, starts, with_source
 from tracer.light import RayList

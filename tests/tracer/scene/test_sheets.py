@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from raymap.events import Event
+from raymap.model.events import Event
 from tests.tracer.engine.tracing import Trace, assert_share, compiled, trace
 from tracer.geometry.shapes import Annulus, Polygon, Rectangle, Shape
 from tracer.scene.fields import Placed

@@ -8,8 +8,8 @@ import pytest
 
 import raymap
 from query import select
-from raymap.errors import SceneError
-from tracer.recording import StoppedLight, record
+from raymap.model.errors import SceneError
+from tracer.run.recording import StoppedLight, record
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import parse_scene
 from tracer.scene.source_check import MisplacedLight

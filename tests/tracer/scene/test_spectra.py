@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from raymap.colorimetry import luminous_efficacy
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
+from raymap.optics.colorimetry import luminous_efficacy
 from tracer.scene.spectra import SpectrumModel, convert_flux, source_shares
 
 

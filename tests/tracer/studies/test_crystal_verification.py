@@ -7,7 +7,7 @@ import tomllib
 import numpy as np
 import pytest
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tracer.crystals.local_model import OutgoingRay, raymap_model
 from tracer.studies.conical_refraction import ConicalScene, conical_checks
 from tracer.studies.crystal_checks import local_checks

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from raymap.errors import SceneError
+from raymap.model.errors import SceneError
 from tracer.lens import Glass, Lens
 from tracer.studies.lens_pictures import Board, LensCamera, lens_picture
 from tracer.studies.newton_rings import newton_rings

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 import raymap
-from raymap.events import Event
+from raymap.model.events import Event
 from tests.raymap.maps import RGB, SPECTRAL, small_directory
 from tests.strategies import make_portion
 

@@ -1,0 +1,1 @@
+"""What is answered of the rays that satisfy a criterion."""

@@ -1,0 +1,323 @@
+"""Detector pictures of selections: flux per cell and channel, several criteria in one pass."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from query.answers.binning import block_sums, coarser
+from query.answers.peaks import codes_at, registrations
+from query.answers.pictures import DetectorImage
+from query.answers.selector import bind_all
+from query.engine.bound import BoundNode
+from query.engine.scan import Cancel, Progress, Scan
+from query.engine.search import Found
+from query.engine.second_try import asked_again
+from query.engine.tally import sums as weighted_counts
+from query.engine.tally import variances
+from raymap.model.directory import Detector
+from raymap.model.errors import RayMapError
+from raymap.model.rows import squares_by_emission
+from raymap.optics.cells import is_pinhole
+from raymap.optics.photometry import Photometry, colors_of_codes
+
+if TYPE_CHECKING:
+    from raymap.file.reader import RayMap
+
+__all__ = ["detector_image", "detector_images"]
+
+Floats = NDArray[np.float64]
+
+_MAX_VALUES = 2**28
+
+
+def detector_image(
+    map: RayMap,
+    detector: str,
+    criterion: object = None,
+    *,
+    bin: int = 1,
+    threads: int | None = None,
+    progress: Callable[[Progress], None] | None = None,
+    cancel: Cancel = None,
+) -> DetectorImage:
+    """The picture that the rays of a selection made on a detector.
+
+    Parameters
+    ----------
+    detector : name
+    criterion : text, tree or JSON; None: all rays
+    bin : join blocks of so many cells by so many, for a picture of few rays
+
+    Raises
+    ------
+    UnknownName, CriterionError, RayMapError
+    """
+    return detector_images(
+        map,
+        detector,
+        {"": criterion},
+        bin=bin,
+        threads=threads,
+        progress=progress,
+        cancel=cancel,
+    )[""]
+
+
+@asked_again
+def detector_images(
+    map: RayMap,
+    detector: str,
+    layers: Mapping[str, object],
+    *,
+    bin: int = 1,
+    threads: int | None = None,
+    progress: Callable[[Progress], None] | None = None,
+    cancel: Cancel = None,
+) -> dict[str, DetectorImage]:
+    """Pictures of several criteria on one detector, in one pass over the map.
+
+    Raises
+    ------
+    UnknownName, CriterionError, RayMapError
+        also where portions have channel sets with different numbers of channels.
+    """
+    index = _detector_index(map, detector)
+    seen = coarser(map.directory.detectors[index], bin)
+    shape = _shape(map, seen, len(layers))
+    nodes = bind_all(map, list(layers.values()))
+    plain = all(value is None for value in layers.values())
+    if is_pinhole(map.directory.detectors[index]) and not plain:
+        raise RayMapError(
+            f"detector {detector!r} is a pinhole: its picture is summed up while tracing and no "
+            "ray meets it, so no criterion can choose from it; a camera has a lens that rays pass"
+        )
+    if plain and (not map.rays or is_pinhole(map.directory.detectors[index])):
+        return {name: _from_results(map, seen, bin) for name in layers}
+    emitted = map.emitted
+    sums, scan = _accumulate(map, nodes, (index, bin), shape, emitted, threads, progress, cancel)
+    if scan.complete and (scan.emitted != emitted).any():
+        # Damage was met on the way: the emitted rays of what was lost do not count.
+        emitted = scan.emitted
+        sums, scan = _accumulate(map, nodes, (index, bin), shape, emitted, threads, None, cancel)
+    share = 1.0 if scan.complete else float(emitted.sum() / max(int(scan.emitted.sum()), 1))
+    used = min({portion.channel_set for portion in map.portions} or {0})
+    light = map.photometry(used)
+    return {
+        name: DetectorImage(
+            detector=seen,
+            channel_set=map.channel_sets[used],
+            flux_unit=map.directory.flux_unit,
+            length_unit=map.directory.length_unit,
+            channels=light.flux_by_channel(sums[number].amounts.reshape(shape)) * share,
+            amounts=sums[number].amounts.reshape(shape) * share,
+            variance=sums[number].squares.reshape(shape[:2]) * share**2,
+            other_variance=sums[number].other_squares.reshape(shape[:2]) * share**2,
+            rays=sums[number].rays.reshape(shape[:2]),
+            complete=scan.complete,
+            total_variance={
+                unit: share**2 * variance
+                for unit, variance in sums[number].totals.variance(light.unit, emitted).items()
+            },
+        )
+        for number, name in enumerate(layers)
+    }
+
+
+def _accumulate(
+    map: RayMap,
+    nodes: list[BoundNode],
+    detector: tuple[int, int],
+    shape: tuple[int, int, int],
+    emitted: NDArray[np.int64],
+    threads: int | None,
+    progress: Callable[[Progress], None] | None,
+    cancel: Cancel,
+) -> tuple[list[_Cells], Scan]:
+    """Sums over all cells, per criterion, in one pass; ``detector``: its number, side of blocks."""
+    n_cells = shape[0] * shape[1]
+    everywhere, n_sources = np.arange(n_cells), len(map.directory.sources)
+    sums = [
+        _Cells(
+            everywhere,
+            np.zeros((n_cells, shape[2])),
+            np.zeros(n_cells),
+            np.zeros(n_cells),
+            np.zeros(n_cells, np.int64),
+            _Totals(*np.zeros((4, n_sources))),
+        )
+        for _ in nodes
+    ]
+    width = shape[1]
+
+    def visit(found: Found) -> list[_Cells | None]:
+        light = map.photometry(found.portion.channel_set)
+        return [
+            _cells(found, number, detector, width, light, emitted) for number in range(len(nodes))
+        ]
+
+    def take(_: int, product: list[_Cells | None]) -> None:
+        for total, cells in zip(sums, product, strict=True):
+            if cells is not None:
+                total.amounts[cells.cell] += cells.amounts
+                total.squares[cells.cell] += cells.squares
+                total.other_squares[cells.cell] += cells.other_squares
+                total.rays[cells.cell] += cells.rays
+                total.totals.add(cells.totals)
+
+    scan = Scan(
+        map, nodes, visit=visit, take=take, threads=threads, progress=progress, cancel=cancel
+    )
+    scan.run()
+    return sums, scan
+
+
+@dataclass(frozen=True, eq=False)
+class _Cells:
+    """Sums of one portion over the cells that were met: cell numbers and their sums.
+
+    ``amounts`` [W] by channel, squares of flux in the unit of the map and in the other one.
+    """
+
+    cell: NDArray[np.int64]
+    amounts: Floats
+    squares: Floats
+    other_squares: Floats
+    rays: NDArray[np.int64]
+    totals: _Totals
+
+
+@dataclass(frozen=True, eq=False)
+class _Totals:
+    """Light of all cells, by source: flux and squares of what each emission brings, in both units.
+
+    The first are in the unit of the map.
+    """
+
+    flux: Floats
+    squares: Floats
+    other_flux: Floats
+    other_squares: Floats
+
+    def add(self, more: _Totals) -> None:
+        """Add another portion's in place."""
+        for name in self.__dataclass_fields__:
+            getattr(self, name)[:] += getattr(more, name)
+
+    def variance(self, unit: str, emitted: NDArray[np.int64]) -> dict[str, float]:
+        """Squared standard error of all light, by unit; ``unit`` is that of the map."""
+        ones = np.ones(len(emitted))
+        own = variances(ones, emitted, self.flux, self.squares)
+        other = variances(ones, emitted, self.other_flux, self.other_squares)
+        return {unit: float(own.sum()), "lm" if unit == "W" else "W": float(other.sum())}
+
+
+def _cells(
+    found: Found,
+    number: int,
+    detector: tuple[int, int],
+    width: int,
+    light: Photometry,
+    emitted: NDArray[np.int64],
+) -> _Cells | None:
+    """Light of the matching rays per cell, in worker threads."""
+    rays, descriptors = registrations(found, number, detector[0])
+    if not len(rays):
+        return None
+    portion = found.portion
+    place = portion.column("cell")[descriptors].astype(np.int64) // detector[1]
+    source = found.paths.base.source[found.paths.of_ray[rays]]
+    watt = light.radiant_factors(emitted)[source]
+    if portion.has_weights:
+        watt = watt * portion.column("weight")[rays]
+    code = codes_at(portion, descriptors)
+    amounts = light.amounts(colors_of_codes(portion.color_table(), len(light.efficacy)))
+    cell, inverse = np.unique(place[:, 1] * width + place[:, 0], return_inverse=True)
+    sums = np.empty((len(cell), amounts.shape[1]))
+    for channel in range(amounts.shape[1]):
+        sums[:, channel] = np.bincount(inverse, watt * amounts[code, channel], len(cell))
+    fluxes = {
+        "W": watt * amounts.sum(axis=1)[code],
+        "lm": watt * (amounts @ light.efficacy)[code],
+    }
+    emission = portion.column("emission")[rays] if portion.grouped else rays
+    squares = {unit: _squares(inverse, flux, emission, len(cell)) for unit, flux in fluxes.items()}
+    n_sources = len(emitted)
+    by_source = {
+        unit: (
+            weighted_counts(source, flux, n_sources),
+            _squares(source, flux, emission, n_sources),
+        )
+        for unit, flux in fluxes.items()
+    }
+    own, totals = squares.pop(light.unit), by_source.pop(light.unit)
+    [other], [other_totals] = squares.values(), by_source.values()
+    met = np.bincount(inverse, minlength=len(cell))
+    return _Cells(cell, sums, own, other, met, _Totals(*totals, *other_totals))
+
+
+def _squares(cell: NDArray[np.integer], flux: Floats, emission: NDArray[Any], size: int) -> Floats:
+    """Squares of what each emission brings to a cell or label, added up."""
+    if (np.diff(emission) == 0).any():
+        return squares_by_emission(cell, flux, emission, size)
+    return weighted_counts(cell, flux**2, size)
+
+
+def _detector_index(map: RayMap, name: str) -> int:
+    from query.expression.names import unknown
+
+    names = [detector.name for detector in map.directory.detectors]
+    if name not in names:
+        raise unknown("detector", name, names)
+    return names.index(name)
+
+
+def _shape(map: RayMap, detector: Detector, n_layers: int) -> tuple[int, int, int]:
+    used = {portion.channel_set for portion in map.portions} or {0}
+    sizes = {map.channel_sets[number].n_channels for number in used if map.channel_sets}
+    if len(sizes) > 1:
+        raise RayMapError(
+            "portions of this map have different channels; ask for one part of it at a time, "
+            "for example of the file that was recorded in RGB"
+        )
+    width, height = detector.cells
+    shape = height, width, sizes.pop() if sizes else 1
+    if height * width * shape[2] * n_layers > _MAX_VALUES:
+        raise RayMapError(
+            f"{n_layers} pictures of {width} x {height} cells and {shape[2]} channels do not fit "
+            "in memory; ask for fewer layers at a time"
+        )
+    return shape
+
+
+def _from_results(map: RayMap, detector: Detector, bin: int) -> DetectorImage:
+    """The detector's own sums, of a map that stores no rays."""
+    result = map.detector_result(detector.name)
+    if result is None:
+        raise RayMapError(f"the map holds neither rays nor sums of detector {detector.name!r}")
+    light = map.photometry(0)
+    factor = light.result_factor(map.emitted)
+    sums, squares = (block_sums(values, bin) for values in result)
+    amounts = sums * factor
+    # Sums do not tell how channels go together: exact where light keeps its colour, else more
+    errors = {
+        "W": np.sqrt(squares).sum(axis=2) * factor,
+        "lm": np.sqrt(squares) @ light.efficacy * factor,
+    }
+    variance = errors.pop(light.unit) ** 2
+    [other] = errors.values()
+    return DetectorImage(
+        detector=detector,
+        channel_set=map.channel_sets[0],
+        flux_unit=map.directory.flux_unit,
+        length_unit=map.directory.length_unit,
+        channels=light.flux_by_channel(amounts),
+        amounts=amounts,
+        variance=variance,
+        other_variance=other**2,
+        rays=np.round(sums.sum(axis=2)).astype(np.int64) * (not is_pinhole(detector)),
+    )

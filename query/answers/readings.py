@@ -1,0 +1,123 @@
+"""What is read off a detector: flux, peak, mean and evenness, the angles of a beam, with errors."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from query.answers.beams import Beam, beam_of
+from query.answers.local_fits import join_windows, largest, least, shares_of
+from query.answers.pictures import DetectorImage
+from query.answers.plane_fits import plane_fits
+from raymap.model.doubt import FOOTNOTE, is_doubtful, with_doubts, with_error
+
+__all__ = ["reading_lines", "readings"]
+
+Floats = NDArray[np.float64]
+
+
+def readings(
+    image: DetectorImage, density: Floats, unit: str, beam: Beam | None = None
+) -> dict[str, Any]:
+    """Flux, peak, mean and evenness of a picture; of a far field the angles of its beam.
+
+    Cells are joined only as far as their errors ask; every number has its standard error beside it
+    (``peak_se``), which includes that the largest of many was looked for. ``mean``,
+    ``min_over_mean`` and ``min_over_max`` are over all cells that have a size, weighed by it.
+
+    Parameters
+    ----------
+    density : (cells_v, cells_u) flux per measure, in ``unit``
+    beam : of the same picture, if it is known already
+    """
+    size = np.ones(density.shape) if image.measure is None else image.measure.values
+    flux = density * size
+    scale = np.divide(flux, image.flux, out=np.zeros_like(flux), where=image.flux > 0.0)
+    variance = image.variance * scale**2
+    mean = flux.sum() / size.sum()
+    # The sum of the cells is surer than cells that are independent would make it
+    apart = math.sqrt(float(image.variance.sum()))
+    surer = image.total_se / apart if apart > 0.0 else 1.0
+    mean_se = surer * math.sqrt(variance.sum()) / size.sum()
+    numbers: dict[str, Any] = {
+        "detector": image.detector.name,
+        "flux": image.total,
+        "flux_se": image.total_se,
+        "flux_unit": image.flux_unit,
+        "registrations": int(image.rays.sum()),
+        "unit": unit,
+    }
+    if image.detector.kind == "far_field" and image.measure is not None:
+        beam = beam or beam_of(image, density)
+        numbers |= _entry("peak", *beam.peak) | _entry("mean", mean, mean_se)
+        numbers["planes"] = [
+            with_doubts(
+                {"plane": plane.name}
+                | _angle("beam_deg", plane.beam_deg)
+                | _angle("field_deg", plane.field_deg)
+            )
+            for plane in beam.planes
+        ]
+        return with_doubts(numbers)
+    squares = float(variance.sum())
+    rays = float(flux.sum()) ** 2 / squares if squares > 0.0 else 0.0
+    joins = image.detector.parameters.get("mapping") != "triangles"
+    fits = plane_fits(shares_of(flux, variance), variance, size, joins=joins)
+    joined = join_windows(fits, rays).part(np.flatnonzero(size.ravel() > 0.0))
+    peak, darkest = largest(joined), least(joined)
+    numbers |= _entry("peak", *peak) | _entry("mean", mean, mean_se)
+    for name, (below, below_se) in (
+        ("min_over_mean", (mean, mean_se)),
+        ("min_over_max", peak),
+    ):
+        if below > 0.0:
+            ratio = darkest[0] / below
+            se = math.hypot(darkest[1] / below, ratio * below_se / below)
+            numbers |= _entry(name, ratio, se)
+        else:
+            numbers |= {name: None, f"{name}_se": None}
+    return with_doubts(numbers)
+
+
+def _entry(name: str, value: float, se: float) -> dict[str, float]:
+    return {name: float(value), f"{name}_se": float(se)}
+
+
+def _angle(name: str, measured: tuple[float, float] | None) -> dict[str, float | None]:
+    value, se = measured or (None, None)
+    return {name: value, f"{name}_se": se}
+
+
+def reading_lines(numbers: dict[str, Any]) -> list[str]:
+    """The readings in words; what is less sure than 30 % is marked."""
+    unit = numbers["unit"]
+    marked: list[bool] = []
+
+    def said(name: str, where: dict[str, Any], after: str = "") -> str:
+        marked.append(is_doubtful(where[name], where[f"{name}_se"]))
+        return with_error(where[name], where[f"{name}_se"], after)
+
+    lines = [f"peak {said('peak', numbers)} {unit}"]
+    if numbers["registrations"]:
+        flux = said("flux", numbers, f" {numbers['flux_unit']}")
+        lines.insert(0, f"{flux}, {numbers['registrations']:,} registrations")
+    for plane in numbers.get("planes", ()):
+        words = [
+            f"{name} {said(key, plane, '°')}"
+            for name, key in (("beam (50 %)", "beam_deg"), ("field (10 %)", "field_deg"))
+            if plane[key] is not None
+        ]
+        if words:
+            lines.append(f"{plane['plane']}: {', '.join(words)}")
+    if "planes" not in numbers and numbers["min_over_mean"] is not None:
+        lines += [
+            f"mean {said('mean', numbers)} {unit}",
+            f"min/mean {said('min_over_mean', numbers)}",
+            f"min/max {said('min_over_max', numbers)}",
+        ]
+    if any(marked):
+        lines.append(FOOTNOTE)
+    return lines

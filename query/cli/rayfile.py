@@ -1,0 +1,71 @@
+"""The command ``raymap rayfile``: selected rays at a place, as a ray file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from query.cli.options import (
+    Criterion,
+    Filter,
+    Threads,
+    progress_line,
+    read_criterion,
+)
+from raymap.cli.options import Force, Json, MapPath, Strict, emit_json, opened_map
+
+__all__ = ["rayfile"]
+
+
+def rayfile(
+    map: MapPath,
+    at: Annotated[str, typer.Argument(help="A face (key.top), an object or a detector.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help=".tm25ray, .sdf or .dat file.")],
+    criterion: Criterion = None,
+    leaving: Annotated[
+        bool, typer.Option("--leaving", help="Rays as they leave the place, not as they arrive.")
+    ] = False,
+    meetings: Annotated[
+        Literal["all", "first", "last"],
+        typer.Option(help="Which meetings of a ray with the place count."),
+    ] = "all",
+    before: Annotated[
+        float,
+        typer.Option(min=0, help="Start this far before the surface [length unit of the map]."),
+    ] = 0.0,
+    color: Annotated[
+        Literal["auto", "wavelength", "xyz", "none"],
+        typer.Option(help="One wavelength per ray, tristimulus values, or none."),
+    ] = "auto",
+    force: Force = False,
+    filter_string: Filter = False,
+    threads: Threads = None,
+    json: Json = False,
+    strict: Strict = False,
+) -> None:
+    """Write the light that reaches a face or detector as a ray file, to be a source elsewhere."""
+    from query.answers.rays_at_place import write_ray_file
+    from query.answers.selector import select
+
+    with opened_map(map, strict) as ray_map:
+        asked = read_criterion(criterion, ray_map, filter_string)
+        selection = select(ray_map, asked, threads=threads, progress=progress_line(json))
+        written = write_ray_file(
+            selection,
+            output,
+            at,
+            force=force,
+            color=color,
+            leaving=leaving,
+            meetings=meetings,
+            before=before,
+        )
+        if json:
+            emit_json({"output": str(output)} | written)
+            return
+        typer.echo(
+            f"wrote {output}: {written['rays']:,} rays, {written['flux']:.6g} "
+            f"{written['flux_unit']} at {at}"
+        )

@@ -1,0 +1,1 @@
+"""Criteria as trees: nodes, text, JSON, Python."""

@@ -1,0 +1,80 @@
+"""Numbers with units, as criteria write them."""
+
+from __future__ import annotations
+
+import math
+
+from raymap.model.errors import CriterionError
+from raymap.model.units import METRES
+
+__all__ = ["ANGLES", "convert", "known_units", "length_factor", "unit_words"]
+
+_LENGTH_M = METRES | {"μm": 1e-6, "dm": 1e-1, "km": 1e3, "inch": METRES["in"]}
+_WAVELENGTH_NM = {"nm": 1.0, "um": 1e3, "µm": 1e3, "μm": 1e3, "mm": 1e6, "m": 1e9, "Å": 0.1}
+_ANGLE_DEG = {
+    "deg": 1.0,
+    "°": 1.0,
+    "rad": 180 / math.pi,
+    "mrad": 0.18 / math.pi,
+    "arcmin": 1 / 60,
+    "arcsec": 1 / 3600,
+}
+ANGLES = frozenset(_ANGLE_DEG)
+"""Units of angle."""
+_FLUX = {
+    "W": {"W": 1.0, "mW": 1e-3, "uW": 1e-6, "µW": 1e-6, "μW": 1e-6, "nW": 1e-9, "kW": 1e3},
+    "lm": {"lm": 1.0, "mlm": 1e-3, "klm": 1e3},
+}
+
+
+def _scale(unit: str, table: dict[str, float], what: str) -> float:
+    if unit not in table:
+        raise CriterionError(f"{what} is measured in {', '.join(table)}, not in {unit!r}")
+    return table[unit]
+
+
+def length_factor(unit: str, length_unit: str) -> float:
+    """Scene units per ``unit``.
+
+    Raises
+    ------
+    CriterionError
+        The unit is none of length, or that of the map is not known.
+    """
+    metres = _scale(unit, _LENGTH_M, "a length")
+    if length_unit not in _LENGTH_M:
+        raise CriterionError(
+            f"the map's unit of length, {length_unit!r}, is not known: write the number without one"
+        )
+    return metres / _LENGTH_M[length_unit]
+
+
+def known_units() -> set[str]:
+    """Every unit word of the language."""
+    return {*_LENGTH_M, *_WAVELENGTH_NM, *_ANGLE_DEG, *_FLUX["W"], *_FLUX["lm"]}
+
+
+def unit_words() -> str:
+    """The units by what they measure, each in one spelling, for messages."""
+    groups = (_LENGTH_M, _ANGLE_DEG, _FLUX["W"], _FLUX["lm"])
+    return "; ".join(" ".join(u for u in group if u.isascii()) for group in groups)
+
+
+def convert(number: float, unit: str, quantity: str, length_unit: str, flux_unit: str) -> float:
+    """A number with unit in the units of a map: nm, scene units, degrees, flux units.
+
+    Without a unit the number is taken to be in the unit of the map already.
+    """
+    if not unit:
+        return number
+    if quantity == "wavelength":
+        return number * _scale(unit, _WAVELENGTH_NM, "a wavelength")
+    if quantity in ("length", "optical_length", "optical_path"):
+        return number * length_factor(unit, length_unit)
+    if quantity == "incidence":
+        return number * _scale(unit, _ANGLE_DEG, "an angle of incidence")
+    if quantity == "angle_of_polarisation":
+        return number * _scale(unit, _ANGLE_DEG, "an angle of polarisation")
+    if quantity == "flux":
+        return number * _scale(unit, _FLUX[flux_unit], "the flux of this map")
+    raise CriterionError(f"{quantity} is a plain number and takes no unit, found {unit!r}")

@@ -1,0 +1,1 @@
+"""Bytes of a map: where they come from, chunks, streams with their checksums."""

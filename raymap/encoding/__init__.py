@@ -1,0 +1,1 @@
+"""From columns to streams and back: dictionaries of paths, colours, geometry that shapes imply."""

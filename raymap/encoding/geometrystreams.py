@@ -1,0 +1,217 @@
+"""Positions and normals of a portion to streams; what the shapes imply of them is left out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raymap.bytes.planes import split_positions
+from raymap.bytes.streams import Scope, StreamSet
+from raymap.encoding.dictionary import Itineraries
+from raymap.encoding.normals import end_residuals, imply_normals, normal_residuals, other_residuals
+from raymap.encoding.portionmeta import Encoding
+from raymap.encoding.positions import gather_coordinates, position_residuals, resolve_codes
+from raymap.encoding.shapes import LEFT_SCENE, RayPoints, RayShapes, ShapeTable, shape_codes
+from raymap.jit.scratch import scratch
+from raymap.model.portion import Portion
+
+__all__ = ["PathsTaken", "add_geometry"]
+
+
+class PathsTaken(NamedTuple):
+    """A portion and the paths that its rays take.
+
+    Attributes
+    ----------
+    offsets : (n_rays + 1,) the records of each ray
+    table : the paths
+    path_numbers : (n_rays,) into the table
+    """
+
+    portion: Portion
+    offsets: NDArray[np.int64]
+    table: Itineraries
+    path_numbers: NDArray[np.uint32]
+
+
+def add_geometry(
+    streams: StreamSet,
+    rays: PathsTaken,
+    shapes: ShapeTable,
+    *,
+    compact: bool,
+    room: NDArray[np.uint8] | None,
+) -> int:
+    """Store positions and normals; returns the encodings chosen
+    (`raymap.encoding.portionmeta.Encoding`).
+
+    Parameters
+    ----------
+    shapes : of the directory
+    compact : leave out what the shapes imply of positions, too
+    room : where the byte planes of positions go that are stored as they are, 12 bytes a record;
+        None where they are not stored in planes
+    """
+    portion = rays.portion
+    if room is not None:
+        planes = room[: 12 * portion.n_records].reshape(12, -1)
+        split_positions(portion.position, planes)
+        for axis, name in enumerate("xyz"):
+            own = planes[4 * axis : 4 * axis + 4]
+            streams.add_split(f"position.{name}", portion.position[:, axis], own, Scope.RECORD)
+        if portion.implied_normals:
+            return _add_unlike_normals(streams, rays, shapes)
+    if streams.raw and not portion.implied_normals:
+        return _add_raw_geometry(streams, portion)
+    codes = _shape_codes(rays, shapes)
+    if portion.implied_normals:
+        normal = portion.normal.copy()
+        imply_normals(codes, shapes.gradient, portion.position, normal)
+        portion = replace(portion, normal=normal)
+    if streams.raw:
+        return _add_raw_geometry(streams, portion)
+    chosen = _add_positions(streams, portion, codes, shapes) if compact else 0
+    return chosen | _add_normals(streams, portion, rays.offsets, codes, shapes)
+
+
+def _shape_codes(rays: PathsTaken, shapes: ShapeTable) -> NDArray[np.int32]:
+    """Shape code of each record."""
+    portion, table = rays.portion, rays.table
+    point_codes = np.empty(table.object.size, np.int32)
+    shape_codes(table.offsets, table.object, table.face, table.event, shapes.face_code, point_codes)
+    codes = scratch("codes", portion.n_records, np.int32)
+    resolve_codes(
+        RayShapes(rays.path_numbers, table.offsets, rays.offsets, point_codes, portion.triangle),
+        shapes,
+        codes,
+    )
+    return codes
+
+
+def _add_raw_geometry(streams: StreamSet, portion: Portion) -> int:
+    for axis, name in enumerate("xyz"):
+        streams.add(f"position.{name}", portion.position[:, axis], Scope.RECORD)
+    for axis, name in enumerate("xyz"):
+        streams.add(f"normal.{name}", portion.normal[:, axis], Scope.RECORD)
+    return 0
+
+
+def _add_positions(
+    streams: StreamSet, portion: Portion, codes: NDArray[np.int32], shapes: ShapeTable
+) -> int:
+    n = portion.n_records
+    position = np.ascontiguousarray(portion.position)
+    bits = position.view(np.int32)
+    # One more row, into which the pass writes ahead before it knows whether the value counts
+    xs, ys, zs = (scratch(f"position.{axis}", n + 1, np.int32) for axis in "xyz")
+    solved = scratch("solved", n + 1, np.int32)
+    residual = scratch("residual", n, np.uint32)
+    roots = np.empty(n, np.uint8)
+    faces, sphere = True, True
+    while True:
+        nx, ny, nz, k = gather_coordinates(
+            codes, shapes.axis, faces, sphere, bits, xs, ys, zs, solved
+        )
+        records = solved[:k]
+        position_residuals(
+            records, codes, shapes.solve, shapes.axis, position, bits, residual, roots
+        )
+        # Give up a kind of shape that saves less than a byte per coordinate
+        bad_faces, bad_sphere = _far_off(codes, records, residual)
+        if not bad_faces and not bad_sphere:
+            break
+        faces, sphere = faces and not bad_faces, sphere and not bad_sphere
+    for name, values in (("x", xs[:nx]), ("y", ys[:ny]), ("z", zs[:nz])):
+        streams.add(f"position.{name}", values.view(np.float32))
+    if k:
+        streams.add("position.residual", residual[:k])
+        streams.add("position.root", roots[:k])
+    chosen = Encoding(0)
+    if k and faces:
+        chosen |= Encoding.SOLVED_FACES
+    if k and sphere:
+        chosen |= Encoding.SOLVED_SPHERE
+    return int(chosen)
+
+
+def _far_off(
+    codes: NDArray[np.int32], records: NDArray[np.int32], residual: NDArray[np.uint32]
+) -> tuple[bool, bool]:
+    """Whether most points are far off their faces, and most ends far off the bounding sphere."""
+    far = np.flatnonzero(residual[: len(records)] >= 2**24)
+    if len(far) == 0:
+        return False, False
+    on_sphere = codes[records] < 0
+    far_on_sphere = int(on_sphere[far].sum())
+    n_sphere = int(on_sphere.sum())
+    far_on_faces = len(far) - far_on_sphere
+    return 2 * far_on_faces > len(records) - n_sphere, 2 * far_on_sphere > n_sphere
+
+
+def _add_normals(
+    streams: StreamSet,
+    portion: Portion,
+    offsets: NDArray[np.int64],
+    codes: NDArray[np.int32],
+    shapes: ShapeTable,
+) -> int:
+    folded = scratch("normals", 3 * portion.n_records, np.uint16).reshape(3, -1)
+    missed, plain = normal_residuals(
+        offsets,
+        codes,
+        portion.triangle,
+        portion.source,
+        shapes.gradient,
+        shapes.first_primitive,
+        shapes.face_start,
+        np.zeros((len(portion.emitted), 3), np.int16),
+        np.zeros((shapes.n_remembered, 3), np.int16),
+        portion.position,
+        portion.normal,
+        folded,
+    )
+    if missed > plain:
+        for axis, name in enumerate("xyz"):
+            streams.add(f"normal.{name}", portion.normal[:, axis], Scope.RECORD)
+        return 0
+    for axis, name in enumerate("xyz"):
+        streams.add(f"normal.{name}", folded[axis], Scope.RECORD)
+    return int(Encoding.NORMALS)
+
+
+def _add_unlike_normals(streams: StreamSet, rays: PathsTaken, shapes: ShapeTable) -> int:
+    """Store normals of which those on quadrics are implied."""
+    portion = rays.portion
+    most = 2 * portion.n_rays if shapes.complete else portion.n_records
+    places = scratch("places", most, np.int32)
+    folded = scratch("folded", 3 * most, np.uint16).reshape(3, -1)
+    emission = np.zeros((len(portion.emitted), 3), np.int16)
+    position, normal = portion.position, portion.normal
+    if shapes.complete:
+        n = end_residuals(
+            rays.offsets, rays.path_numbers, *_ends(rays.table), portion.source, emission,
+            position, normal, places, folded,
+        )  # fmt: skip
+    else:
+        table = rays.table
+        points = RayPoints(
+            rays.path_numbers, table.offsets, rays.offsets, table.object, table.face, table.event,
+            portion.triangle, portion.source,
+        )  # fmt: skip
+        remembered = np.zeros((shapes.n_remembered, 3), np.int16)
+        n = other_residuals(points, shapes, emission, remembered, position, normal, places, folded)
+    for axis, name in enumerate("xyz"):
+        streams.add_sparse(
+            f"normal.{name}", portion.n_records, places[:n], folded[axis, :n], Scope.RECORD
+        )
+    return int(Encoding.NORMALS)
+
+
+def _ends(table: Itineraries) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Whether each path begins on no face, and whether it ends where the ray has left."""
+    first, last = table.offsets[:-1], table.offsets[1:] - 1
+    left = (table.object[last] < 0) & ((table.event[last] & LEFT_SCENE) != 0) & (last > first)
+    return table.face[first] < 0, left & (table.face[last] < 0)

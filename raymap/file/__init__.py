@@ -1,0 +1,1 @@
+"""A map on disk: written, continued, read, verified, repaired, joined from shards."""

@@ -1,0 +1,160 @@
+"""What a detector's cells measure: areas, solid angles, étendues.
+
+Flux per cell divided by the cell's measure is what the detector is read for:
+
+============ ========================== =======================================
+kind         measure of a cell          flux / measure
+============ ========================== =======================================
+plane        area                       irradiance [W/m²], illuminance [lx]
+surface      area                       the same, on a face of a body
+far_field    solid angle                intensity [W/sr], [cd]
+camera       étendue: solid angle seen  radiance [W/(m² sr)], luminance [cd/m²]
+             times area of the lens
+============ ========================== =======================================
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raymap.model.directory import Detector
+from raymap.model.units import METRES
+
+__all__ = ["CellMeasure", "cell_measure", "cells_by_angle", "is_pinhole"]
+
+Floats = NDArray[np.float64]
+Quantity = Literal["area", "solid_angle", "etendue"]
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CellMeasure:
+    """Size of each cell.
+
+    Attributes
+    ----------
+    quantity : what ``values`` are
+    values : (cells_v, cells_u) area [m²], solid angle [sr] or étendue [m² sr]; 0 where a cell lies
+        beside the face
+    """
+
+    quantity: Quantity
+    values: Floats
+
+    def density_unit(self, flux_unit: str) -> str:
+        """Unit of flux per measure, for a flux in W or lm."""
+        radiant = {"area": "W/m²", "solid_angle": "W/sr", "etendue": "W/(m² sr)"}
+        luminous = {"area": "lx", "solid_angle": "cd", "etendue": "cd/m²"}
+        return (luminous if flux_unit == "lm" else radiant)[self.quantity]
+
+
+def is_pinhole(detector: Detector) -> bool:
+    """Whether its picture is summed up while tracing: no ray of the map meets it."""
+    return detector.kind == "camera" and detector.parameters.get("lens") == "pinhole"
+
+
+def cells_by_angle(detector: Detector) -> tuple[tuple[float, float], tuple[float, float]] | None:
+    """Cells per degree, and the cell at 0°, of C and of gamma; None where they are not known.
+
+    C and gamma are those of charts and tables: C from 0 on, gamma from its first row.
+    """
+    angles = detector.parameters.get("gamma_deg")
+    if detector.kind != "far_field" or angles is None or not _numbers(angles, 2):
+        return None
+    low, high = float(angles[0]), float(angles[1])
+    if not high > low:
+        return None
+    per_gamma = detector.cells[1] / (high - low)
+    return (detector.cells[0] / 360.0, 0.0), (per_gamma, -low * per_gamma)
+
+
+def cell_measure(detector: Detector, length_unit: str) -> CellMeasure | None:
+    """Size of the cells of a detector; None where the directory does not tell.
+
+    Parameters
+    ----------
+    length_unit : of the map
+    """
+    shape = detector.cells[1], detector.cells[0]
+    metre = METRES.get(length_unit)
+    if detector.kind == "far_field":
+        angles = detector.parameters.get("gamma_deg")
+        if angles is None or not _numbers(angles, 2):
+            return None
+        edges = np.radians(np.linspace(angles[0], angles[1], shape[0] + 1))
+        bands = 2.0 * np.pi / shape[1] * (np.cos(edges[:-1]) - np.cos(edges[1:]))
+        return CellMeasure(
+            quantity="solid_angle", values=np.repeat(bands[:, None], shape[1], axis=1)
+        )
+    if metre is None:
+        return None
+    if detector.kind == "plane":
+        unit = METRES.get(str(detector.parameters.get("size_unit", length_unit)))
+        if unit is None:
+            return None
+        area = detector.size[0] / shape[1] * detector.size[1] / shape[0] * unit**2
+        return CellMeasure(quantity="area", values=np.full(shape, area))
+    if detector.kind == "camera":
+        return _camera(detector, shape, metre)
+    areas = np.asarray(detector.parameters.get("cell_area", ()), np.float64)
+    if areas.size not in (1, shape[0] * shape[1]):
+        return None
+    values = np.full(shape, areas.item()) if areas.size == 1 else areas.reshape(shape)
+    return CellMeasure(quantity="area", values=values * metre**2)
+
+
+def _camera(detector: Detector, shape: tuple[int, int], metre: float) -> CellMeasure | None:
+    """Étendue of the pixels of an ideal lens, or of a pinhole of unit area that faces each pixel.
+
+    A pixel of a lens sees a rectangle in the plane of focus; the lens takes in F π dA of each of
+    its elements dA, with the configuration factor F from an element to a parallel disc (J. R.
+    Howell, A catalog of radiation heat transfer configuration factors, B-13).
+    """
+    tangents = detector.parameters.get("half_field")
+    if tangents is None or not _numbers(tangents, 2):
+        return None
+    x, y, element = _places(float(tangents[0]), float(tangents[1]), shape)
+    r2 = x * x + y * y
+    if is_pinhole(detector):
+        solid = element / (1.0 + r2) ** 1.5
+        return CellMeasure(quantity="etendue", values=_summed(solid, shape) * metre**2)
+    radius = detector.parameters.get("aperture_diameter", 0.0) / 2.0
+    distance = detector.parameters.get("focus_distance")
+    if distance is None:
+        taken = np.pi * radius**2 * element / (1.0 + r2) ** 2
+    else:
+        # In units of the distance of focus
+        lens = (radius / distance) ** 2
+        q = np.sqrt((r2 + 1.0 + lens) ** 2 - 4.0 * lens * r2)
+        factor = 2.0 * lens / (q * (q + r2 + 1.0 - lens))
+        taken = np.pi * factor * element * distance**2
+    return CellMeasure(quantity="etendue", values=_summed(taken, shape) * metre**2)
+
+
+def _places(half_u: float, half_v: float, shape: tuple[int, int]) -> tuple[Floats, Floats, Floats]:
+    """Gauss points of all pixels, (rows 3, columns 3), and the size of their elements."""
+    sides = []
+    for half, n in ((half_u, shape[1]), (half_v, shape[0])):
+        middle = (np.arange(n) + 0.5) / n * 2.0 - 1.0
+        sides.append(half * (middle[:, None] + _NODES / n).ravel())
+    x, y = np.meshgrid(sides[0], sides[1])
+    weights = np.outer(np.tile(_WEIGHTS, shape[0]), np.tile(_WEIGHTS, shape[1]))
+    return x, y, weights * (half_u / shape[1]) * (half_v / shape[0])
+
+
+def _summed(values: Floats, shape: tuple[int, int]) -> Floats:
+    blocks: Floats = values.reshape(shape[0], 3, shape[1], 3).sum(axis=(1, 3))
+    return blocks
+
+
+def _numbers(value: Any, count: int) -> bool:
+    return (
+        isinstance(value, list | tuple)
+        and len(value) == count
+        and all(isinstance(item, int | float) for item in value)
+    )

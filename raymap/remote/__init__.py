@@ -1,0 +1,1 @@
+"""Maps and services on other machines: addresses, object storage, the client, executors."""

@@ -1,0 +1,1 @@
+"""Rays as tables for other programs: Arrow, Parquet, CSV; pictures as OpenEXR."""

@@ -1,0 +1,408 @@
+"""Record a scene: portions traced by many threads, written in number order."""
+
+from __future__ import annotations
+
+import os
+import time
+import warnings
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from raymap.encoding.encoder import EncodedPortion, PortionEncoder
+from raymap.file.reader import NO_RAYS
+from raymap.file.writer import RayMapWriter
+from raymap.model.errors import MapExists, SceneError
+from raymap.model.portion import Portion
+from raymap.model.replacing import check_place
+from raymap.model.schema import PORTION_RECORDS
+from raymap.remote.cluster import shares_memory
+from tracer.counts import Counts
+from tracer.run.counted_map import write_counts
+from tracer.run.pieces import copied, split_portion
+from tracer.run.results import Progress, RecordResult, StoppedLight, stopped_notes
+from tracer.run.trace import Trace
+from tracer.run.traces import trace_of
+from tracer.scene.compile import Compilation
+from tracer.scene.model import Scene
+from tracer.tally import Tally
+
+__all__ = ["StoppedLight", "check_target", "record", "refuse_scene_file", "run_into"]
+
+DEFAULT_RAYS = 1_000_000
+DEFAULT_SEED = 1
+_PILOT_RAYS = 1024
+
+
+def record(
+    scene: str | Path | Scene | Compilation | Trace,
+    path: str | Path | None = None,
+    *,
+    rays: int | None = None,
+    seconds: float | None = None,
+    threads: int | None = None,
+    seed: int | None = None,
+    append: bool = False,
+    force: bool = False,
+    raw: bool = False,
+    compact: bool = False,
+    no_rays: bool = False,
+    portion_rays: int | None = None,
+    progress: Callable[[Progress], None] | None = None,
+    executor: Executor | None = None,
+    cancel: Callable[[], bool] | None = None,
+) -> RecordResult:
+    """Trace a scene and record every light path in a ray map.
+
+    Parameters
+    ----------
+    scene : a scene file, a `Scene`, the result of `compile_scene`, or a trace of any light
+    path : of the map; it may be None with ``no_rays``
+    rays, seconds : when to stop; a million rays where neither is given
+    threads : worker threads, all processors by default
+    seed : of the random numbers; by default that of the map when it is continued, else 1
+    append : continue a map of the same scene; ``force``: write over an existing one
+    raw : store streams uncompressed, for debugging
+    compact : the smallest file, which takes longer to write and to read
+    no_rays : trace for the detectors' results only; a map that is written has no rays
+    portion_rays : rays per portion; the map's content does not depend on it
+    progress : called after every portion, in the calling thread
+    executor : runs the trace instead of a thread pool. One whose tasks run in other processes or on
+        other machines (Dask's ``client.get_executor()``, a process pool) writes a folder of maps:
+        ``path`` names the folder or an address of object storage, and `raymap.open` opens it as one
+        map of the same rays
+    cancel : asked after every portion; once it is true the trace ends, and the map is valid
+
+    Raises
+    ------
+    SceneError, MapExists, MapLocked, SceneMismatch
+    """
+    if path is None and not no_rays:
+        raise SceneError("name the map to write (or ask for detector results only with no_rays)")
+    if no_rays and append:
+        raise SceneError("a map cannot be continued without rays: leave out --append, or --no-rays")
+    if rays is not None and rays < 1:
+        raise SceneError(f"rays must be at least 1, not {rays}")
+    if seed is not None and not 0 <= seed < 2**63:
+        raise SceneError(f"seed must be from 0 to 2**63 - 1, not {seed}")
+    if rays is None and seconds is None:
+        rays = DEFAULT_RAYS
+    here = executor is None or shares_memory(executor)
+    if path is not None and here and not append:
+        check_target(Path(path), force=force)
+    trace = trace_of(scene)
+    count = threads or os.cpu_count() or 1
+    encoder = None if no_rays else PortionEncoder(trace.directory, raw=raw, compact=compact)
+    trace = trace.prepared(encoder, count)
+    if executor is not None and not here:
+        if no_rays or path is None:
+            raise SceneError("detector results only (no_rays) need an executor of this process")
+        from tracer.run.sharding import record_shards
+
+        return record_shards(
+            trace, path, executor, rays=rays, seconds=seconds, seed=seed, append=append,
+            force=force, raw=raw, compact=compact, portion_rays=portion_rays, progress=progress,
+            cancel=cancel,
+        )  # fmt: skip
+    if path is None:
+        run = _Run(trace, None, rays, seconds, seed, count, portion_rays, progress)
+        run.cancel = cancel
+        return run.go(executor)
+    with _writer(Path(path), trace, append=append, force=force, raw=raw, compact=compact) as writer:
+        if no_rays:
+            run = _Run(trace, None, rays, seconds, seed, count, portion_rays, progress)
+            run.cancel = cancel
+            result = run.go(executor)
+            statistics = _statistics(result.rays, result.seconds, result.audit, result.interrupted)
+            write_counts(
+                writer, trace.channel_set, result.counts, seed=run.seed, statistics=statistics
+            )
+            return replace(result, bytes=writer.bytes_written)
+        run = _Run(trace, writer, rays, seconds, seed, count, portion_rays, progress)
+        run.cancel = cancel
+        return run.go(executor)
+
+
+def refuse_scene_file(scene: Path, output: Path) -> None:
+    """Refuse to write a map over the scene that it is recorded from.
+
+    Raises
+    ------
+    SceneError
+    """
+    if os.path.exists(output) and os.path.exists(scene) and os.path.samefile(output, scene):
+        raise SceneError(f"{output} is the scene file: name another file for the map")
+
+
+def run_into(
+    trace: Trace,
+    writer: RayMapWriter,
+    *,
+    rays: int,
+    seconds: float | None,
+    seed: int,
+    portion_rays: int | None,
+) -> RecordResult:
+    """Trace the rays from the writer's next one on, on one thread (a shard of a larger trace)."""
+    return _Run(trace, writer, rays, seconds, seed, 1, portion_rays, None).go(None)
+
+
+def check_target(path: Path, *, force: bool) -> None:
+    """Refuse a map that cannot be created before anything is compiled for it.
+
+    Raises
+    ------
+    MapExists, NotWritten
+    """
+    check_place(path)
+    if path.exists() and not force:
+        raise MapExists(
+            f"{str(path)!r} exists and stays as it is; continue it with --append, write over it "
+            "with --force, or choose another name"
+        )
+
+
+def _writer(
+    path: Path,
+    trace: Trace,
+    *,
+    append: bool,
+    force: bool,
+    raw: bool,
+    compact: bool,
+) -> RayMapWriter:
+    if append and path.exists():
+        writer = RayMapWriter.append_to(
+            path, trace.directory, raw=raw, compact=compact, trusted=True
+        )
+        if any((run.get("parameters") or {}).get(NO_RAYS) for run in writer.runs):
+            writer.close()
+            raise SceneError(
+                f"{path} was recorded with --no-rays and cannot be continued; record another map"
+            )
+        return writer
+    return RayMapWriter.create(
+        path,
+        trace.directory,
+        meshes=trace.meshes,
+        force=force,
+        raw=raw,
+        compact=compact,
+        trusted=True,
+    )
+
+
+class _Run:
+    """One trace: hands out portions, collects them in order."""
+
+    cancel: Callable[[], bool] | None = None
+
+    def __init__(
+        self,
+        trace: Trace,
+        writer: RayMapWriter | None,
+        rays: int | None,
+        seconds: float | None,
+        seed: int | None,
+        threads: int,
+        portion_rays: int | None,
+        progress: Callable[[Progress], None] | None,
+    ) -> None:
+        self.trace = trace
+        self.writer = writer
+        self.rays, self.seconds = rays, seconds
+        self.threads = threads
+        self.progress = progress
+        self.seed = self._seed(seed)
+        self.engine = trace.engine(self.seed)
+        self.tally = Tally(trace.directory, trace.channel_set)
+        self.pinholes = trace.pinholes()
+        self.channel_set = writer.add_channel_set(trace.channel_set) if writer else 0
+        fitting = self._fitting_rays()
+        self.portion_rays = portion_rays or fitting
+        # Where rays split, emission e has the ray numbers from e times fan on
+        self.first_ray = -(-writer.next_ray // trace.fan) if writer else 0
+
+    def _seed(self, seed: int | None) -> int:
+        if seed is not None:
+            return seed
+        runs = self.writer.runs if self.writer else []
+        known = [run["seed"] for run in runs if run.get("seed") is not None]
+        return int(known[-1]) if known else DEFAULT_SEED
+
+    def _fitting_rays(self) -> int:
+        """Rays whose records surely fit a portion, judged by a few rays traced for it."""
+        splits = self.trace.fan > 1
+        rays = max(64, _PILOT_RAYS // self.trace.fan)
+        pilot = self.engine.trace(0, rays, reuse=True)
+        if self.writer:
+            self.writer.encode(self._traced(0, rays), 0)
+        fitting = 0.8 * PORTION_RECORDS * rays / pilot.n_records
+        most = min(self.trace.most_rays, 1 << int(np.log2(fitting)))
+        return max(1 if splits else 64, most)
+
+    def go(self, executor: Executor | None) -> RecordResult:
+        if self.writer:
+            self.writer.start_run(
+                seed=self.seed,
+                parameters={
+                    "threads": self.threads,
+                    "portion_rays": self.portion_rays,
+                    **self.trace.parameters,
+                },
+            )
+        began = time.perf_counter()
+        interrupted = False
+        pool = executor or ThreadPoolExecutor(self.threads, thread_name_prefix="tracer")
+        try:
+            interrupted = self._trace(pool, began)
+        finally:
+            if executor is None:
+                pool.shutdown(wait=True, cancel_futures=True)
+        notes = self._notes()
+        counts = self._counts()
+        if self.writer:
+            for k in range(len(self.trace.directory.detectors)):
+                sums, sums2 = counts.stored_sums(k)
+                self.writer.add_detector_result(
+                    k, sums, sums2, channel_set=self.channel_set, owned=True
+                )
+        elapsed = time.perf_counter() - began
+        if self.writer:
+            self.writer.finish(
+                _statistics(self.tally.rays, elapsed, self.tally.audit(), interrupted)
+            )
+            elapsed = time.perf_counter() - began
+        for note in notes:
+            warnings.warn(note, StoppedLight, stacklevel=3)
+        return RecordResult(
+            rays=self.tally.rays,
+            records=self.tally.records,
+            seconds=elapsed,
+            rays_per_second=self.tally.rays / elapsed if elapsed > 0.0 else 0.0,
+            bytes=self.writer.bytes_written if self.writer else 0,
+            threads=self.threads,
+            seed=self.seed,
+            audit=self.tally.audit(),
+            absorbed_by=self.tally.absorbed_by(),
+            fluxes=counts.fluxes(),
+            warnings=notes,
+            interrupted=interrupted,
+            counts=counts,
+        )
+
+    def _counts(self) -> Counts:
+        """What was counted in this run, with the pictures of pinholes."""
+        counts = self.tally.counts()
+        if self.pinholes:
+            counts.detectors.update(self.pinholes.counts(self.tally.emitted))
+        return counts
+
+    def _trace(self, pool: Executor, began: float) -> bool:
+        """Keep every thread busy; commit in order. True if Ctrl-C stopped it."""
+        pending: deque[tuple[int, int, Future[EncodedPortion | list[Portion] | None]]] = deque()
+        planned = 0
+        number = self.writer.next_portion if self.writer else 0
+        interrupted = False
+        while True:
+            try:
+                if not interrupted and self.cancel is not None and self.cancel():
+                    raise KeyboardInterrupt
+                while not interrupted and len(pending) < 2 * self.threads + 2:
+                    n = self._next_size(planned, began)
+                    if n == 0:
+                        break
+                    first = self.first_ray + planned
+                    pending.append((first, n, pool.submit(self._portion, first, n, number)))
+                    planned += n
+                    number += 1
+                if not pending:
+                    return interrupted
+                first, n, future = pending[0]
+                result = future.result()
+                pending.popleft()
+                shifted = self._commit(result, first, n)
+                if shifted:
+                    number += shifted
+                if self.progress:
+                    self._report(began)
+            except KeyboardInterrupt:
+                interrupted = True
+                # What is under way is finished and kept, what is only queued is dropped
+                while pending and pending[-1][2].cancel():
+                    pending.pop()
+
+    def _next_size(self, planned: int, began: float) -> int:
+        if self.seconds is not None and time.perf_counter() - began >= self.seconds:
+            return 0
+        if self.rays is None:
+            return self.portion_rays
+        return min(self.portion_rays, self.rays - planned)
+
+    def _portion(self, first: int, n: int, number: int) -> EncodedPortion | list[Portion] | None:
+        """Trace and encode one portion (worker thread)."""
+        if self.writer is None and not self.pinholes:
+            self.tally.add(*self.engine.trace_counted(first, n))
+            return None
+        portion = self._traced(first, n)
+        self.tally.add(portion)
+        if self.pinholes:
+            self.pinholes.see(first, portion)
+        if self.writer is None:
+            return None
+        if portion.n_records > PORTION_RECORDS and portion.n_rays > 1:
+            pieces = split_portion(portion)
+            return [copied(piece) for piece in pieces]
+        return self.writer.encode(portion, number)
+
+    def _traced(self, first: int, n: int) -> Portion:
+        return replace(self.engine.trace(first, n, reuse=True), channel_set=self.channel_set)
+
+    def _commit(self, result: EncodedPortion | list[Portion] | None, first: int, n: int) -> int:
+        """Write what a worker made; by how many later numbers shift."""
+        if self.pinholes:
+            self.pinholes.take(first)
+        if result is None or self.writer is None:
+            return 0
+        if isinstance(result, list):
+            for piece in result:
+                self.writer.commit(self.writer.encode(piece, self.writer.next_portion))
+            return len(result) - 1
+        if result.number != self.writer.next_portion:
+            # An earlier portion was split after this one was numbered
+            portion = self._traced(first, n)
+            result = self.writer.encode(portion, self.writer.next_portion)
+        self.writer.commit(result)
+        return 0
+
+    def _report(self, began: float) -> None:
+        if self.progress:
+            self.progress(
+                Progress(
+                    rays=self.tally.rays,
+                    records=self.tally.records,
+                    seconds=time.perf_counter() - began,
+                    bytes=self.writer.bytes_written if self.writer else 0,
+                    total_rays=self.rays,
+                    total_seconds=self.seconds,
+                )
+            )
+
+    def _notes(self) -> list[str]:
+        return stopped_notes(
+            self.tally.share("stopped"),
+            self.tally.share("errors"),
+            *self.trace.limit,
+        )
+
+
+def _statistics(
+    rays: int, seconds: float, audit: dict[str, dict[str, float]], interrupted: bool
+) -> dict[str, Any]:
+    """What a map tells of a run that ended."""
+    return {"rays": rays, "seconds": seconds, "audit": audit, "interrupted": interrupted}

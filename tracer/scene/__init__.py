@@ -1,0 +1,1 @@
+"""Scenes: descriptions read and validated, compiled into tables for the engines."""

@@ -1,0 +1,1 @@
+"""Studies: commands that compute or draw something beside recorded maps."""

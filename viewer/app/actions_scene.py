@@ -1,0 +1,119 @@
+"""What the page asks of the 3D panel and its controls."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+from viewer.app.core import LOOK, RAY_STEPS, Core
+from viewer.app.session import MOST_PIXELS_ACROSS
+from viewer.drawn.state import Clip, StateError, state_to_address
+from viewer.panels.scene import section_fields, section_of
+
+__all__ = ["SceneActions"]
+
+
+class SceneActions(Core):
+    """The mouse in the scene, and the controls beside it."""
+
+    def _take_look(self) -> None:
+        if not self._quiet and self._change(**{name: self.page[name] for name in LOOK}):
+            self._repaint(legend=self.session.legend(), objects=self.session.objects())
+
+    def _take_section(self) -> None:
+        side, place = str(self.page.section_side), float(self.page.section_place)
+        section = section_of(
+            side, place, on=bool(self.page.section_on), rays=bool(self.page.section_rays)
+        )
+        if not self._quiet and self._change(section=section):
+            fields = section_fields(self.session.state, self.session.map.directory)
+            self._repaint(**fields, **self.inquiry.drawn())
+
+    def _take_clip(self) -> None:
+        clip = Clip(
+            event=str(self.page.clip_event),
+            after=int(self.page.clip_after or 0),
+            until=int(self.page.clip_until or 0),
+        )
+        if not self._quiet and self._change(clip=clip):
+            self._repaint(**self.inquiry.drawn())
+
+    async def frame(self, request: dict[str, Any]) -> dict[str, Any]:
+        """The picture for a tab, after what its mouse did."""
+        width, height = _size(request)
+        self._size = (width, height)
+        moved = any(key in request for key in ("orbit", "pan", "zoom"))
+        if moved:
+            at = (float(request["x"]), float(request["y"])) if "x" in request else None
+            self.session.move(
+                width, height, turn=_pair(request.get("orbit")), shift=_pair(request.get("pan")),
+                enlarge=float(request.get("zoom", 1.0)), at=at,
+            )  # fmt: skip
+        coarse = bool(request.get("coarse"))
+        ratio = min(2.0, max(0.5, float(request.get("ratio", 1))))
+        image = await asyncio.get_running_loop().run_in_executor(
+            self._painting,
+            lambda: self.session.frame(width, height, ratio, coarse=coarse),
+        )
+        if not coarse:
+            with self.page:
+                self.page.address = state_to_address(self.session.state)
+        return {"image": image, "type": "image/jpeg", "coarse": coarse}
+
+    async def pick(self, request: dict[str, Any]) -> None:
+        """A click in the scene: open the report of the ray there."""
+        place = float(request["x"]), float(request["y"])
+        found = await self._ask(self.session.pick, *place, *_size(request))
+        if found is None:
+            return
+        await self.open_ray(str(found[0]), found[1])
+
+    async def hover(self, request: dict[str, Any]) -> str:
+        """What is under the mouse."""
+        place = float(request["x"]), float(request["y"])
+        text: str = await self._ask(self.session.hover, *place, *_size(request))
+        return text
+
+    def look(self, name: str) -> None:
+        """A standard view, fit, parallel or perspective."""
+        self.session.look(str(name), *self._size)
+        self._repaint()
+
+    async def set_rays(self, step: int) -> None:
+        """How many rays are drawn."""
+        number = RAY_STEPS[min(max(int(step), 0), len(RAY_STEPS) - 1)]
+        if self.session.update(rays=number):
+            with self.page:
+                self.page.rays_text, self.page.ray_step = f"{number:,}", int(step)
+            await self._redraw()
+
+    def toggle_object(self, name: str) -> None:
+        """Hide or show an object."""
+        self.session.toggle_object(str(name))
+        self._repaint(objects=self.session.objects())
+
+    def set_opacity(self, name: str, opacity: float) -> None:
+        """Opacity of one object."""
+        self.session.set_opacity(str(name), float(opacity))
+        self._repaint(objects=self.session.objects())
+
+
+def _pair(values: Any) -> tuple[float, float] | None:
+    return None if values is None else (float(values[0]), float(values[1]))
+
+
+def _size(request: dict[str, Any]) -> tuple[int, int]:
+    """Size of the panel [pixels of the page].
+
+    Raises
+    ------
+    StateError
+        No screen has such a panel.
+    """
+    width, height = request["width"], request["height"]
+    for value in (width, height):
+        if not isinstance(value, int) or not 1 <= value <= MOST_PIXELS_ACROSS:
+            raise StateError(
+                f"the picture must have 1 to {MOST_PIXELS_ACROSS} pixels across, not {value!r}"
+            )
+    return max(width, 16), max(height, 16)

@@ -1,0 +1,245 @@
+"""One person's session: the map, what is shown of it, and what the mouse does to it.
+
+Knows nothing of pages and servers, so that everything but the widgets is tested without a browser.
+The state is an immutable `ViewState`; pictures are made from it in any thread.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from viewer.drawn.answers import Drawing
+from viewer.drawn.camera import STANDARD_VIEWS, UPWARD, fit, orbit, pan, zoom
+from viewer.drawn.rays import DrawnRays, no_rays
+from viewer.drawn.scene import load_bodies, scene_box
+from viewer.drawn.state import Camera, ViewState, check_camera
+from viewer.paint.overlay import draw_legend
+from viewer.paint.painter import Painter, Shown
+from viewer.paint.rendering import encode_jpeg, encode_png
+
+if TYPE_CHECKING:
+    from raymap.file.reader import RayMap
+    from viewer.drawn.bodies import Body
+
+__all__ = ["MOST_PIXELS", "MOST_PIXELS_ACROSS", "Session"]
+
+MOST_PIXELS = 2**23
+"""Of a picture for the page: a screen of 3840 × 2160."""
+
+MOST_PIXELS_ACROSS = 16_384
+"""Of the panel of a page."""
+
+
+class Session:
+    """A map and what is shown of it.
+
+    Parameters
+    ----------
+    ray_map : an open map
+    state : where to begin
+    bodies : of the scene, where they are loaded already
+
+    Attributes
+    ----------
+    state : what is shown
+    drawing : the rays of the selection that are drawn
+    chosen : the ray of the report, or None
+    """
+
+    def __init__(
+        self,
+        ray_map: RayMap,
+        state: ViewState | None = None,
+        bodies: Sequence[Body] | None = None,
+    ) -> None:
+        ray_map.need_rays()
+        self.map = ray_map
+        self.state = state or ViewState()
+        loaded = load_bodies(ray_map.directory, ray_map.meshes) if bodies is None else bodies
+        self.painter = Painter(loaded, ray_map.directory)
+        self.drawing = Drawing(rays=no_rays(), labels={})
+        self.chosen: DrawnRays | None = None
+        self._shown: tuple[object, Shown] | None = None
+        self._lock = threading.Lock()
+
+    # -- what is shown -------------------------------------------------------------------------
+
+    def update(self, **changes: Any) -> bool:
+        """Change fields of the state; true if anything changed."""
+        before = self.state
+        self.state = replace(before, **changes)
+        return self.state != before
+
+    def shown(self) -> Shown:
+        """The rays as segments with colours, remembered until something about them changes."""
+        state, drawing = self.state, self.drawing
+        key = (id(drawing), state.clip, state.section, state.color, state.opacity, state.fade,
+               state.dark)  # fmt: skip
+        with self._lock:
+            if self._shown is None or self._shown[0] != key:
+                self._shown = (key, self.painter.show(state, drawing.rays, drawing.labels))
+            return self._shown[1]
+
+    def camera(self, width: int, height: int) -> Camera:
+        """The camera, also before anyone has moved it."""
+        return self.painter.camera(self.state, self.shown(), width / max(height, 1))
+
+    # -- the mouse -----------------------------------------------------------------------------
+
+    def move(
+        self,
+        width: int,
+        height: int,
+        *,
+        turn: tuple[float, float] | None = None,
+        shift: tuple[float, float] | None = None,
+        enlarge: float = 1.0,
+        at: tuple[float, float] | None = None,
+    ) -> None:
+        """Turn, shift and enlarge by what the mouse did [pixels]; senseless values are ignored."""
+        camera = self.camera(width, height)
+        numbers = [*(turn or ()), *(shift or ()), *(at or ()), enlarge]
+        if not np.isfinite(numbers).all() or not 1e-3 < enlarge < 1e3:
+            return
+        if turn is not None:
+            camera = orbit(camera, *turn, height)
+        if shift is not None:
+            camera = pan(camera, *shift, height)
+        if enlarge != 1.0:
+            x, y = at if at is not None else (width / 2, height / 2)
+            camera = zoom(camera, enlarge, x, y, width, height)
+        check_camera(camera)
+        self.update(camera=camera)
+
+    def look(self, name: str, width: int, height: int) -> None:
+        """Go to a standard view, "fit", "parallel" or "perspective"; "up" takes the next axis."""
+        camera = self.camera(width, height)
+        aspect = width / max(height, 1)
+        state = self.state
+        if name in STANDARD_VIEWS:
+            camera = self.painter.standard(name, self.shown(), aspect, camera.parallel, state.up)
+        elif name == "up":
+            axes = tuple(UPWARD)
+            state = replace(state, up=axes[(axes.index(state.up) + 1) % len(axes)])
+            camera = self.painter.standard(None, self.shown(), aspect, camera.parallel, state.up)
+        elif name == "fit":
+            box = scene_box(self.painter.bodies, self.map.directory, self.shown().lines.segments)
+            camera = fit(camera, box, aspect=aspect)
+        elif name in ("parallel", "perspective"):
+            camera = replace(camera, parallel=name == "parallel")
+        self.update(camera=camera, up=state.up)
+
+    def pick(self, x: float, y: float, width: int, height: int) -> tuple[int, int] | None:
+        """(ray number, step of the nearer point) of the ray under a pixel."""
+        shown = self.shown()
+        found = self.painter.pick_ray(shown, self.camera(width, height), x, y, width, height)
+        if found is None:
+            return None
+        return int(shown.rays.ray_ids[found[0]]), found[1]
+
+    def hover(self, x: float, y: float, width: int, height: int) -> str:
+        """What is under a pixel: a ray and a face, in words."""
+        shown = self.shown()
+        camera = self.camera(width, height)
+        words = []
+        found = self.painter.pick_ray(shown, camera, x, y, width, height)
+        if found is not None:
+            rays = shown.rays
+            source = self.map.directory.sources[int(rays.source[found[0]])].name
+            words.append(f"ray {int(rays.ray_ids[found[0]])} from {source}")
+            record = int(rays.offsets[found[0]]) + found[1]
+            item = int(rays.object[record])
+            if 0 <= item < len(self.map.directory.objects):
+                words[-1] += f", at {self.map.directory.objects[item].name}"
+        body = self.painter.pick_body(self.state, camera, x, y, width, height)
+        if body is not None:
+            words.append(body)
+        return "\n".join(words)
+
+    # -- pictures ------------------------------------------------------------------------------
+
+    def frame(self, width: int, height: int, ratio: float, *, coarse: bool) -> bytes:
+        """The picture of the 3D panel as JPEG.
+
+        Parameters
+        ----------
+        width, height : of the panel [pixels of the page]
+        ratio : device pixels per pixel of the page
+        coarse : quickly, while the camera moves
+        """
+        state, shown = self.state, self.shown()
+        camera = self.camera(width, height)
+        # A larger picture is painted with fewer pixels, which the page enlarges
+        most = math.sqrt(MOST_PIXELS / (width * height))
+        scale = min(1.0, 700 / max(width, height)) if coarse else min(ratio, most)
+        size = max(16, round(width * scale)), max(16, round(height * scale))
+        fine = coarse or ratio > 1.4 or 2 * size[0] * size[1] > MOST_PIXELS
+        pixels = self.painter.paint(
+            replace(state, width=max(0.6, state.width * scale)), shown, camera, *size,
+            coarse=coarse, supersampling=1 if fine else 2,
+            chosen=self.chosen, point=state.point,
+        )  # fmt: skip
+        return encode_jpeg(pixels, 70 if coarse else 92)
+
+    def picture(self, width: int, height: int) -> bytes:
+        """The picture with its legend as PNG; a larger one is made with fewer pixels."""
+        shrink = min(1.0, math.sqrt(MOST_PIXELS / (width * height)))
+        width, height = max(16, round(width * shrink)), max(16, round(height * shrink))
+        shown = self.shown()
+        pixels = self.painter.paint(
+            self.state, shown, self.camera(width, height), width, height, supersampling=2,
+            chosen=self.chosen, point=self.state.point,
+        )  # fmt: skip
+        size = max(11, round(height / 56))
+        return encode_png(draw_legend(pixels, shown.legend, dark=self.state.dark, size=size))
+
+    def objects(self) -> list[dict[str, Any]]:
+        """The objects with what the list of objects shows of them."""
+        rows = []
+        drawn = {body.index: body for body in self.painter.bodies}
+        for index, item in enumerate(self.map.directory.objects):
+            body = drawn.get(index)
+            own = self.state.opacities.get(item.name)
+            shown = own if own is not None else (body.opacity if body is not None else 0.0)
+            color = np.rint(255 * body.color).astype(int) if body is not None else (90, 90, 90)
+            rows.append(
+                {
+                    "name": item.name,
+                    "drawn": body is not None,
+                    "visible": body is not None and item.name not in self.state.hidden,
+                    "opacity": round(float(shown), 2),
+                    "color": "#" + "".join(f"{int(part):02x}" for part in color),
+                }
+            )
+        return rows
+
+    def toggle_object(self, name: str) -> None:
+        """Hide or show an object."""
+        hidden = self.state.hidden
+        if name in hidden:
+            self.update(hidden=tuple(other for other in hidden if other != name))
+        else:
+            self.update(hidden=(*hidden, name))
+
+    def set_opacity(self, name: str, opacity: float) -> None:
+        """Give one object its own opacity."""
+        value = float(np.clip(opacity, 0, 1))
+        self.update(opacities={**self.state.opacities, name: value})
+
+    def legend(self) -> dict[str, Any]:
+        """The legend of the rays, for the page."""
+        legend = self.shown().legend
+        return {
+            "title": legend.title,
+            "scale": legend.scale,
+            "entries": [
+                {"label": entry.label, "color": f"rgb{cast(Any, entry.rgb)}"}
+                for entry in legend.entries
+            ],
+        }

@@ -1,0 +1,1 @@
+"""What is drawn of a map: bodies, rays, colours, seen by a camera."""

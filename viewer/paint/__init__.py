@@ -1,0 +1,1 @@
+"""Pictures without a graphics card, and the same scene for PyVista."""

@@ -1,0 +1,144 @@
+"""The criterion panel: the expression as a tree to build with the mouse, recent and saved ones."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from query.expression.names import escape
+from raymap.model.directory import Directory
+from raymap.model.events import FAMILIES
+from viewer.panels.tree import GROUPS, TreeRow
+
+__all__ = ["CriterionShelf", "choices", "tree_fields"]
+
+ATOM_KINDS = {
+    "hit": "met",
+    "detected": "detected by",
+    "source": "emitted by",
+    "event": "event",
+    "medium": "travelled in",
+    "crossed": "passed through",
+}
+_SHELF_BYTES = 1 << 20
+
+
+def choices(directory: Directory) -> dict[str, Any]:
+    """Lists of names that conditions are built from."""
+
+    def names(values: list[str], special: str = "*?\\") -> list[dict[str, str]]:
+        return [{"title": name, "value": escape(name, special)} for name in values]
+
+    objects = names([item.name for item in directory.objects], "*?.\\#")
+    faces = [
+        {
+            "title": f"{item.name}.{face.name}",
+            "value": f"{escape(item.name)}.{escape(face.name)}",
+        }
+        for item in directory.objects
+        for face in item.faces
+        if len(item.faces) > 1
+    ]
+    detectors = names([entry.name for entry in directory.detectors])
+    lists = {
+        "hit": [{"title": "any surface", "value": "*"}, *objects, *faces],
+        "detected": detectors,
+        "crossed": detectors,
+        "source": names([entry.name for entry in directory.sources]),
+        "medium": names([entry.name for entry in directory.media]),
+    }
+    families = ["reflected", "refracted", "transmitted", "scattered", "absorbed"]
+    return {
+        "atom_choices": lists,
+        "atom_names": {kind: (found[0]["value"] if found else "") for kind, found in lists.items()},
+        "atom_kinds": [{"value": key, "title": title} for key, title in ATOM_KINDS.items()],
+        "atom_events": families + [word for word in FAMILIES if word not in families],
+        "groups": [{"value": key, "title": title} for key, title in GROUPS.items()],
+    }
+
+
+def tree_fields(rows: list[TreeRow], counts: dict[str, str]) -> list[dict[str, Any]]:
+    """The tree for the page; ``counts`` says how many rays satisfy each text."""
+    return [
+        {
+            "key": ".".join(map(str, row.place)),
+            "depth": len(row.place),
+            "label": row.label,
+            "kind": row.kind,
+            "operator": row.operator,
+            "text": row.text,
+            "rays": counts.get(row.text, ""),
+        }
+        for row in rows
+    ]
+
+
+class CriterionShelf:
+    """Recent and saved criteria, in a small file.
+
+    Parameters
+    ----------
+    path : of the file; None keeps them as long as the application runs
+    """
+
+    def __init__(self, path: Path | None) -> None:
+        self.path = path
+        self.recent: list[str] = []
+        self.saved: dict[str, str] = {}
+        if self.path is None:
+            return
+        try:
+            if self.path.stat().st_size <= _SHELF_BYTES:
+                stored = json.loads(self.path.read_text(encoding="utf-8"))
+                self.recent = [str(text) for text in stored.get("recent", [])][:20]
+                self.saved = {str(k): str(v) for k, v in stored.get("saved", {}).items()}
+        except (OSError, ValueError, AttributeError):
+            pass  # nothing kept yet, or nothing readable: begin afresh
+
+    @classmethod
+    def of_user(cls) -> CriterionShelf:
+        """Those of this user, in the configuration folder."""
+        base = os.environ.get("XDG_CONFIG_HOME") or str(Path.home() / ".config")
+        return cls(Path(base) / "raymap" / "criteria.json")
+
+    @classmethod
+    def empty(cls) -> CriterionShelf:
+        """For somebody who is not this user: begins without any, and leaves none behind."""
+        return cls(None)
+
+    def use(self, text: str) -> None:
+        """Put a criterion on top of the recent ones."""
+        if text.strip():
+            self.recent = [text, *(other for other in self.recent if other != text)][:20]
+            self._write()
+
+    def save(self, name: str, text: str) -> None:
+        """Keep a criterion under a name."""
+        self.saved[name] = text
+        self._write()
+
+    def forget(self, name: str) -> None:
+        """Drop a saved criterion."""
+        self.saved.pop(name, None)
+        self._write()
+
+    def _write(self) -> None:
+        if self.path is None:
+            return
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            part = self.path.with_suffix(f".{os.getpid()}.part")
+            content = {"recent": self.recent, "saved": self.saved}
+            part.write_text(json.dumps(content, indent=1, ensure_ascii=False), encoding="utf-8")
+            os.replace(part, self.path)
+        except OSError:
+            pass  # a home that cannot be written loses the list, not the session
+
+    def fields(self) -> dict[str, Any]:
+        """For the page."""
+        return {
+            "recent": self.recent[:10],
+            "saved": [{"name": name, "text": text} for name, text in self.saved.items()],
+        }
