@@ -169,7 +169,7 @@ def _plane(
     """Intensity over gamma in one plane, from C + 180° to C."""
     far, near = (_half_plane(joined, grid, c) for c in (c_deg + 180.0, c_deg))
     skip = 1 if gamma[0] == 0.0 else 0
-    curve = Joined.joined(far.reversed(), near.part(slice(skip, None)))
+    curve = Joined.of([far.reversed(), near.part(slice(skip, None))])
     angles = np.concatenate((-gamma[::-1], gamma[skip:]))
     peak = largest(curve)
     return BeamPlane(

@@ -14,7 +14,7 @@ density. Every fit is linear in the flux of the cells, so that shares cost next 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -120,12 +120,12 @@ class Joined:
         )
 
     @staticmethod
-    def joined(first: Joined, second: Joined) -> Joined:
+    def of(parts: Sequence[Joined]) -> Joined:
         """Nodes one after the other."""
         return Joined(
             **{
-                name: np.concatenate((values, vars(second)[name]), axis=-1)
-                for name, values in vars(first).items()
+                name: np.concatenate([vars(part)[name] for part in parts], axis=-1)
+                for name in vars(parts[0])
             }
         )
 
@@ -178,7 +178,7 @@ def join_windows(fits: Iterator[Fit], rays: float) -> Joined:
         if len(history) == 1:
             last = np.zeros(density.shape, np.int64)
             grows = np.ones(density.shape, np.bool_)
-        grows &= _agrees(history, trained, rays / _TRAINED)
+        grows = _agrees(history, trained, grows, rays / _TRAINED)
         last[grows] = len(history) - 1
         noise = _TRAINED * fit.ray * np.maximum(density, 0.0) * fit.spread
         grows &= ~((noise <= (_ENOUGH * density) ** 2) & (density > 0.0))
@@ -218,18 +218,25 @@ def _taken(levels: Floats, which: NDArray[np.int64]) -> Floats:
     return result
 
 
-def _agrees(history: list[Fit], trained: list[Floats], rays: float) -> NDArray[np.bool_]:
-    """Whether the fits of the last window lie within the noise of all smaller windows."""
+def _agrees(
+    history: list[Fit], trained: list[Floats], growing: NDArray[np.bool_], rays: float
+) -> NDArray[np.bool_]:
+    """Of the growing windows those whose last fit lies within the noise of all smaller ones."""
     last, density = history[-1], np.maximum(trained[-1], 0.0)
-    result = np.ones(density.shape, np.bool_)
+    result = growing.copy()
     for fit, value in zip(history[:-1], trained[:-1], strict=True):
         ray = _TRAINED * fit.ray
         weight = ray * fit.spread
         few = np.zeros_like(density)
         expected = np.divide(fit.cost * density, weight, out=few, where=weight > 0.0)
-        noise = ray * density * np.maximum(fit.spread - last.spread, 0.0)
+        tested = result & (expected >= _TESTED)
+        if not tested.any():
+            continue
+        _, node = np.nonzero(tested)
+        held = density[tested]
+        noise = (ray[node] * held) * np.maximum(fit.spread - last.spread, 0.0)[node]
         # The largest of so many deviations that chance brings
-        many = np.maximum(rays / np.maximum(expected, _TESTED), 4.0)
+        many = np.maximum(rays / expected[tested], 4.0)
         limit = np.sqrt(2.0 * np.log(many) * noise)
-        result &= (np.abs(value - trained[-1]) <= limit) | (expected < _TESTED)
+        result[tested] = np.abs(value[tested] - trained[-1][tested]) <= limit
     return result

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from query.answers.beams import Beam, beam_of
-from query.answers.local_fits import join_windows, largest, least, shares_of
+from query.answers.local_fits import Joined, join_windows, largest, least, shares_of
 from query.answers.pictures import DetectorImage
 from query.answers.plane_fits import plane_fits
 from raymap.model.doubt import FOOTNOTE, is_doubtful, with_doubts, with_error
@@ -65,8 +65,9 @@ def readings(
     squares = float(variance.sum())
     rays = float(flux.sum()) ** 2 / squares if squares > 0.0 else 0.0
     joins = image.detector.parameters.get("mapping") != "triangles"
-    fits = plane_fits(shares_of(flux, variance), variance, size, joins=joins)
-    joined = join_windows(fits, rays).part(np.flatnonzero(size.ravel() > 0.0))
+    bands = plane_fits(shares_of(flux, variance), variance, size, joins=joins)
+    joined = Joined.of([join_windows(fits, rays) for fits in bands])
+    joined = joined.part(np.flatnonzero(size.ravel() > 0.0))
     peak, darkest = largest(joined), least(joined)
     numbers |= _entry("peak", *peak) | _entry("mean", mean, mean_se)
     for name, (below, below_se) in (

@@ -47,7 +47,10 @@ def squares_by_emission(
         changes = (np.diff(labels[order]) != 0) | (np.diff(emission[order]) != 0)
         first = np.concatenate(([0], np.flatnonzero(changes) + 1))
         labels, weight = labels[order][first], np.add.reduceat(weight[order], first)
-    return np.bincount(labels, weight**2, size).astype(np.float64, copy=False)
+    # What a made-up file states may be beyond all numbers; who adds further refuses it
+    with np.errstate(over="ignore"):
+        squares = weight**2
+    return np.bincount(labels, squares, size).astype(np.float64, copy=False)
 
 
 def rows_of_rays(offsets: NDArray[np.int64], rays: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -24,6 +24,14 @@ def test_sums_of_weights(bad: float, which: str) -> None:
         Tally(np.ones(2, np.int64), **sums)
 
 
+@pytest.mark.parametrize("emission", [None, np.array([0, 0])])
+def test_worths_whose_squares_no_number_holds(emission: np.ndarray | None) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(RayMapError, match="do not add up to a number"):
+            Tally.of_rays(np.zeros(2, np.int64), np.array([1e200, 1.0]), emission, 1)
+
+
 def test_the_largest_weights_add_up() -> None:
     # float32 holds 3.4e38; 2^63 rays of it are 3.1e57, their squares 1e115
     most = float(np.finfo(np.float32).max) * 2.0**63
