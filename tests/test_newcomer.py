@@ -241,6 +241,8 @@ def test_every_place_of_every_command_is_tried() -> None:
     groups = [("", app), *((f"{g.name} ", g.typer_instance) for g in app.registered_groups)]
     for prefix, group in groups:
         for item in group.registered_commands:
+            if item.hidden:
+                continue
             hints = typing.get_type_hints(item.callback)
             paths = [k for k, v in hints.items() if Path in (v, *typing.get_args(v))]
             paths += [k for k in hints if k == "output" and k not in paths]

@@ -22,7 +22,9 @@ from raymap.model.extras import EXTRAS
 from tests.raymap.maps import write_small
 
 ROOT = Path(__file__).parents[1]
-COMMANDS = [str(command.name) for command in application().registered_commands]
+COMMANDS = [
+    str(command.name) for command in application().registered_commands if not command.hidden
+]
 
 SCENE = """
 length_unit = "mm"

@@ -115,7 +115,7 @@ def test_files_inside_are_read(place: Path) -> None:
         ):  # fmt: skip
             made = read(place, KEYS[key].format(file=f"'{name}'"), folder, **options)
             assert len(made.directory.objects) == 1
-    with pytest.raises(SceneError, match="there is no file") as refused:
+    with pytest.raises(SceneError, match="there is no mesh file") as refused:
         read(place, KEYS["bodies"].format(file="'sub/none.stl'"))
     assert "sub/none.stl" in str(refused.value)
 
@@ -225,8 +225,8 @@ NAMES = {
     "aim", "angle_weights", "between", "bodies", "cemented", "color", "contacts", "crystal",
     "detectors", "digest", "face", "face_colors", "faces", "folder", "glass", "glasses",
     "illuminant", "inside", "kind", "leave_out", "left_out", "media", "medium", "name", "origin",
-    "part", "path", "rim", "simulation", "sources", "specular", "surface", "surfaces", "text",
-    "title", "use", "variants", "walls",
+    "part", "path", "polarisers", "rim", "simulation", "sources", "specular", "surface",
+    "surfaces", "text", "title", "use", "variants", "walls",
 }  # fmt: skip
 """Keys of text that name things of the scene, or that no scene file can set."""
 

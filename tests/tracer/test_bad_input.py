@@ -114,7 +114,7 @@ def test_a_byte_order_mark_is_read(tmp_path: Path) -> None:
 
 def test_a_drawing_without_a_place_is_refused(tmp_path: Path) -> None:
     target = tmp_path / "missing" / "section.svg"
-    with pytest.raises(RayMapError, match="cannot be written: No such file or directory"):
+    with pytest.raises(RayMapError, match="cannot be written: there is no folder"):
         draw_section(parse_scene(HEAD + LIT), target)
 
 

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.model.errors import MissingExtra, SceneError
+from raymap.model.errors import MissingExtra, RayMapError, SceneError
 from raymap.model.givenfile import check_given, given_bytes, not_readable
 from tracer.geometry.mesh import (
     MeshWarning,
@@ -168,6 +168,9 @@ def _read(
         options["skip_materials"] = True
     try:
         scene = trimesh.load_scene(file, **options)
+    except RayMapError as error:
+        # Of a file that this one names
+        raise SceneError(f"mesh {body!r}: {file.name}: {error}") from None
     except OSError as error:
         raise SceneError(f"mesh {body!r}: {not_readable(file, 'mesh file', error)}") from None
     except Exception as error:  # a reader of foreign files may raise anything

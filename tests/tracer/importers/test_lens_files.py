@@ -347,13 +347,13 @@ def test_bad_code_v_files_are_named(text: str, words: str, tmp_path: Path) -> No
 
 
 def test_files_that_are_none(tmp_path: Path) -> None:
-    with pytest.raises(SceneError, match="there is no file"):
+    with pytest.raises(SceneError, match="there is no lens file"):
         load_scene(tmp_path / "none.zmx")
     (tmp_path / "binary.zmx").write_bytes(bytes(range(256)) * 16)
     with pytest.raises(SceneError, match=r"binary\.zmx"):
         load_scene(tmp_path / "binary.zmx")
     (tmp_path / "empty.zmx").write_bytes(b"")
-    with pytest.raises(SceneError, match="is not a Zemax lens file"):
+    with pytest.raises(SceneError, match="is empty: no lens file"):
         load_scene(tmp_path / "empty.zmx")
 
 
