@@ -132,17 +132,15 @@ def _ends(path: Path) -> dict[tuple[int, int, int], tuple[float, float, int]]:
     """Share of a source's emitted rays, its variance and the rays, by source, object and events."""
     sums: dict[tuple[int, int, int], list[float]] = {}
     with raymap.open(path) as ray_map:
-        for portion in ray_map.portions:
-            last = np.cumsum(portion.column("records_per_ray")) - 1
-            keys = np.stack(
-                [portion.column("source"), *(portion.column(n)[last] for n in ("object", "event"))],
-                axis=1,
-            )
-            weight = portion.column("weight").astype(float)
-            group = portion.column("emission") if portion.grouped else np.arange(portion.n_rays)
+        for stored in ray_map.portions:
+            portion = stored.read()
+            last = np.cumsum(portion.records_per_ray) - 1
+            keys = np.stack([portion.source, portion.object[last], portion.event[last]], axis=1)
+            weight = np.ones(portion.n_rays) if portion.weight is None else portion.weight
+            group = np.arange(portion.n_rays) if portion.emission is None else portion.emission
             rows = np.column_stack([group, keys])
             distinct, place = np.unique(rows, axis=0, return_inverse=True)
-            per_emission = np.bincount(place.ravel(), weight, len(distinct))
+            per_emission = np.bincount(place.ravel(), weight.astype(float), len(distinct))
             for (_, *key), w in zip(distinct.tolist(), per_emission.tolist(), strict=True):
                 total = sums.setdefault((key[0], key[1], key[2]), [0.0, 0.0, 0.0])
                 total[0] += w
