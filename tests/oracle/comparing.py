@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from raymap.reader import RayMap
-from raymap.stored import StoredPortion
 
 import raymap
+from raymap.file.reader import RayMap
+from raymap.file.stored import StoredPortion
 
 __all__ = ["answer_differences", "end_probability", "map_differences"]
 
