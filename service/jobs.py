@@ -147,9 +147,9 @@ def _begin(arguments: dict[str, Any], bounds: dict[str, Any], written: list[Path
 
 def _compile(arguments: dict[str, Any], mirror: SceneMirror) -> Any:
     """Read, check and compile the scene, by the compiler of its kind."""
-    from tracer.importers.expand import SCENE_SUFFIXES
-    from tracer.named_files import reading_through
+    from tracer.description.named_files import reading_through
     from tracer.run.traces import trace_of
+    from tracer.scene.files import scene_suffixes
     from tracer.scene.load import OTHER_FILES, load_scene, parse_scene
 
     with reading_through(mirror):
@@ -158,7 +158,7 @@ def _compile(arguments: dict[str, Any], mirror: SceneMirror) -> Any:
             scene = parse_scene(arguments["text"], folder=mirror.place, **options)
         else:
             copy = mirror(mirror.place / name)
-            if copy.suffix.lower() in (*SCENE_SUFFIXES, *OTHER_FILES):
+            if copy.suffix.lower() in (*scene_suffixes(), *OTHER_FILES):
                 scene = load_scene(copy, **options)
             else:
                 # Whatever else it is called, it is read as TOML

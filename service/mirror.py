@@ -19,7 +19,7 @@ __all__ = ["SceneMirror"]
 
 
 class SceneMirror:
-    """The door for the files of one scene (`tracer.named_files.Door`).
+    """The door for the files of one scene (`tracer.description.named_files.Door`).
 
     Parameters
     ----------

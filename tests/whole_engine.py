@@ -15,8 +15,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from tracer.compiled import VIEW_ROW, CompiledScene, Contacts, Views
 from tracer.scene import compile as compiling
-from tracer.scene.arrays import VIEW_ROW, CompiledScene, Contacts, Views
 from tracer.scene.model import Scene
 
 __all__ = ["own_compile", "whole", "whole_engine"]

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from tracer.scene.load import load_scene, parse_scene
     from tracer.scene.model import Scene
     from tracer.studies.lens import FirstOrder, first_order
-    from tracer.trace import TracedRays, trace_rays
+    from tracer.transport.trace import TracedRays, trace_rays
 
 _PLACES = {
     "tracer.run.recording": ["StoppedLight", "record"],
@@ -24,7 +24,7 @@ _PLACES = {
     "tracer.scene.load": ["load_scene", "parse_scene"],
     "tracer.scene.model": ["Scene"],
     "tracer.studies.lens": ["FirstOrder", "first_order"],
-    "tracer.trace": ["TracedRays", "trace_rays"],
+    "tracer.transport.trace": ["TracedRays", "trace_rays"],
 }
 _HOME = {name: module for module, names in _PLACES.items() for name in names}
 

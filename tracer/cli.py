@@ -147,10 +147,10 @@ def _design(path: Path) -> dict[str, Any]:
     """The numbers of a lens file in its own order of surfaces; empty for other files."""
     import warnings
 
-    from tracer.importers.expand import SCENE_SUFFIXES
     from tracer.importers.lens_scene import import_lens
+    from tracer.scene.files import scene_suffixes
 
-    if path.suffix.lower() not in SCENE_SUFFIXES:
+    if path.suffix.lower() not in scene_suffixes():
         return {}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # they were printed when the scene was loaded

@@ -12,11 +12,11 @@ from tests.oracle.comparing import answer_differences, end_probability, map_diff
 from tests.oracle.jobs import jobs
 from tests.oracle.scenes import BODIES, DETECTORS, MEDIA, SOURCES, SURFACES, write_files
 from tests.scenes import MIRROR_BALL
-from tracer.geometry.bodies import MeshBody
-from tracer.geometry.body import Body
-from tracer.scene.detector_model import DetectorModel
+from tracer.bodies.body import Body
+from tracer.bodies.mesh import MeshBody
+from tracer.detectors.model import DetectorModel
 from tracer.scene.model import Phase, SurfaceModel
-from tracer.scene.source_model import SourceModel
+from tracer.sources.model import SourceModel
 
 
 def recorded(path: Path, seed: int, reflectance: float = 0.7) -> Path:

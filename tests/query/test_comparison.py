@@ -156,9 +156,9 @@ def test_the_other_rays_of_a_seed_are_independent(recorded: Recorder, tmp_path: 
 def _later_rays(scene: Any, path: Path, first: int) -> None:
     """A map of the 1,000 rays from ``first`` on, of the seed that is usual."""
     from raymap import RayMapWriter
-    from tracer.engine.wavefront import Wavefront
     from tracer.run.recording import DEFAULT_SEED
     from tracer.scene.compile import compile_scene
+    from tracer.transport.wavefront import Wavefront
 
     compilation = compile_scene(scene)
     portion = Wavefront(compilation.arrays, DEFAULT_SEED).trace(first, 1000)

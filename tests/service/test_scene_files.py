@@ -22,7 +22,7 @@ from raymap.model.errors import RayMapError, SceneError
 from service.confine import OutsideFolder, ServedFolder
 from service.mirror import SceneMirror
 from tests.scenes import MIRROR_BALL
-from tracer.named_files import named_file, reading_through
+from tracer.description.named_files import named_file, reading_through
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import parse_scene
 

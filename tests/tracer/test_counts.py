@@ -12,7 +12,7 @@ from query import detector_image, select
 from tests.tracer.engine.tracing import compiled
 from tracer.run.recording import record
 from tracer.run.results import RecordResult
-from tracer.tally import CLASSES
+from tracer.transport.tally import CLASSES
 
 SCENE = """
 [media.glass]

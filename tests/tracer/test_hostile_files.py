@@ -13,7 +13,7 @@ import pytest
 from raymap.model.errors import SceneError
 from tracer.geometry.mesh_files import load_mesh
 from tracer.scene.model import Spectrum
-from tracer.scene.pictures import read_picture
+from tracer.sources.pictures import read_picture
 
 _MOST = 100 * 2**20
 

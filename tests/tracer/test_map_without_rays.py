@@ -102,7 +102,7 @@ def test_a_source_that_is_off_changes_no_flux(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, most_values: int
 ) -> None:
     """A sixth of the light of what is on; also where sources of one kind share their sums."""
-    monkeypatch.setattr("tracer.tally._MOST_VALUES", most_values)
+    monkeypatch.setattr("tracer.transport.tally._MOST_VALUES", most_values)
     text = SCENE.format(share=1.0) + DARK
     record(parse_scene(text), tmp_path / "rays.raymap", rays=20_000)
     result = record(parse_scene(text), tmp_path / "sums.raymap", rays=20_000, no_rays=True)

@@ -10,7 +10,7 @@ import pytest
 from raymap.model.errors import RayMapError, SceneError
 from tracer import compile_scene, parse_scene
 from tracer.lens.record import record_lens_trees
-from tracer.polarized_record import record_polarized
+from tracer.polarized.record import record_polarized
 from tracer.render.load import load_render_text
 from tracer.scattering.scene_goniophotometer import measure_scene
 from tracer.scene.supported import NaturalLight

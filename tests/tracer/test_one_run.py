@@ -15,7 +15,7 @@ import raymap
 import tracer.cli
 from tests.tracer.test_obeyed import CRYSTAL, LENS, plate
 from tracer import parse_scene
-from tracer.polarized_record import record_polarized
+from tracer.polarized.record import record_polarized
 from tracer.run.natural import NaturalTrace
 from tracer.run.recording import record
 from tracer.run.results import Progress

@@ -13,12 +13,12 @@ import raymap
 from raymap.cli import application
 from raymap.model.errors import MapExists, RayMapError, SceneMismatch
 from raymap.model.schema import PORTION_RECORDS
-from tracer.engine.wavefront import Wavefront
 from tracer.run.pieces import split_portion
 from tracer.run.recording import StoppedLight, record
 from tracer.run.results import Progress
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.load import load_scene, parse_scene
+from tracer.transport.wavefront import Wavefront
 
 SAMPLE = Path(__file__).parents[2] / "samples" / "double_gauss.toml"
 
@@ -185,7 +185,7 @@ def test_long_rays_close_portions_early(tmp_path: Path) -> None:
 
 
 def test_split_keeps_single_rays_whole(lens: Compilation) -> None:
-    from tracer.engine.wavefront import Wavefront
+    from tracer.transport.wavefront import Wavefront
 
     portion = Wavefront(lens.arrays, 1).trace(0, 100)
     assert [piece.n_rays for piece in split_portion(portion)] == [100]

@@ -9,11 +9,11 @@ import pytest
 
 from raymap.model.events import Event
 from tests.tracer.engine.tracing import Trace, assert_share
-from tracer.engine.wavefront import Wavefront
 from tracer.optics.fresnel import fresnel_reflectance
 from tracer.optics.glasses import find_glass
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import load_scene
+from tracer.transport.wavefront import Wavefront
 
 SAMPLES = Path(__file__).parents[2] / "samples"
 

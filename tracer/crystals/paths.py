@@ -19,8 +19,8 @@ from tracer.crystals.interface import interface_event
 from tracer.crystals.rows import BIAXIAL, EPS, EPS_ORDINARY, ISOTROPIC, KIND
 from tracer.crystals.tree import body_behind, next_boundary, tree_scratch
 from tracer.crystals.waves import ray_absorption
-from tracer.engine.random import advance, stream_state, uniform
-from tracer.geometry.directions import sine_of, turned
+from tracer.rays.directions import sine_of, turned
+from tracer.rays.random import advance, stream_state, uniform
 
 __all__ = ["DETECTOR_ROW", "SOURCE_ROW", "trace_paths"]
 

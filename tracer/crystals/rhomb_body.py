@@ -7,9 +7,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tracer.geometry.body import Body, FacePlan
+from tracer.bodies.body import Body, FacePlan
+from tracer.description.fields import Positive
 from tracer.geometry.shapes import Polygon
-from tracer.scene.fields import Positive
 
 __all__ = ["RhombBody"]
 

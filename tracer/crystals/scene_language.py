@@ -20,6 +20,10 @@ from raymap.model.directory import ChannelSet, Directory, DisplayMesh
 from raymap.model.errors import SceneError
 from raymap.model.portion import Portion
 from raymap.model.schema import PORTION_RAYS
+from tracer.bodies.body import Body
+from tracer.bodies.box import BoxBody
+from tracer.bodies.mesh import MeshBody
+from tracer.bodies.prism import PrismBody
 from tracer.crystals.bodies import CrystalBody, convex_body, mesh_body
 from tracer.crystals.load import MediumModel as CrystalModel
 from tracer.crystals.load import medium_of
@@ -34,16 +38,14 @@ from tracer.crystals.recorder import (
 )
 from tracer.crystals.rhomb_body import RhombBody
 from tracer.crystals.rows import ISOTROPIC, KIND
-from tracer.geometry.bodies import BoxBody, MeshBody, PrismBody
-from tracer.geometry.body import Body
-from tracer.named_files import named_file
+from tracer.description.fields import Node
+from tracer.description.named_files import named_file
 from tracer.run.results import depth_limit
-from tracer.scene.fields import Node
 from tracer.scene.model import RGB_NM, MediumModel, Scene
 from tracer.scene.supported import refuse_weighting
 
 if TYPE_CHECKING:
-    from tracer.scene.source_model import SourceModel
+    from tracer.sources.model import SourceModel
 
 __all__ = [
     "CrystalEngine",

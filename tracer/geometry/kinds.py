@@ -24,28 +24,18 @@ against the axis), -1 where it points towards it.
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
 __all__ = [
     "ANNULUS",
     "ASPHERE",
     "CONE",
     "CONIC",
     "CYLINDER",
-    "F64",
-    "I64",
-    "Integer",
     "POLYGON",
     "RECTANGLE",
     "MESH",
     "ROW",
     "SPHERE",
 ]
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
-Integer = int | np.integer
 
 ROW = 16
 ANNULUS = 0

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from raymap.model.errors import MissingExtra, RayMapError, SceneError
 from raymap.model.givenfile import check_given, given_bytes, not_readable
+from tracer.description.named_files import named_file
 from tracer.geometry.mesh import (
     MeshWarning,
     TriangleMesh,
@@ -21,7 +22,6 @@ from tracer.geometry.mesh import (
     smooth_normals,
 )
 from tracer.geometry.mesh_scene import count_crossing_edges
-from tracer.named_files import named_file
 
 __all__ = ["FaceRule", "load_mesh"]
 

@@ -15,18 +15,8 @@ from __future__ import annotations
 import math
 
 from raymap.jit.kernels import inner_kernel
-from tracer.geometry.kinds import (
-    ANNULUS,
-    CONE,
-    CONIC,
-    CYLINDER,
-    F64,
-    I64,
-    POLYGON,
-    RECTANGLE,
-    SPHERE,
-    Integer,
-)
+from raymap.jit.types import F64, I64, Integer
+from tracer.geometry.kinds import ANNULUS, CONE, CONIC, CYLINDER, POLYGON, RECTANGLE, SPHERE
 
 __all__ = ["DISTANCE", "OWN", "nearest_on_face"]
 

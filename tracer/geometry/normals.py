@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 from raymap.jit.kernels import inline_kernel, inner_kernel
-from tracer.geometry.kinds import CONE, CONIC, CYLINDER, F64, SPHERE
+from raymap.jit.types import F64
+from tracer.geometry.kinds import CONE, CONIC, CYLINDER, SPHERE
 from tracer.geometry.nearest import asphere_sag
 
 __all__ = ["face_normal"]

@@ -15,17 +15,18 @@ from pydantic import Field
 from raymap.model.errors import SceneError
 from raymap.model.units import length_scale
 from raymap.model.wildcards import Wildcard
-from tracer.geometry.bodies import MeshBody
-from tracer.geometry.body import Body, FacePlan
+from tracer.bodies.body import Body, FacePlan
+from tracer.bodies.mesh import MeshBody
+from tracer.description.fields import Node, Placed, Positive
+from tracer.description.named_files import named_file
 from tracer.importers.step_read import CadSolid, clean_name, read_step
 from tracer.importers.step_shapes import Placement, shapes_of_face
-from tracer.named_files import named_file
-from tracer.scene.fields import Node, Placed, Positive
+from tracer.scene.files import FileTable
 
 if TYPE_CHECKING:
     from tracer.geometry.mesh import TriangleMesh
 
-__all__ = ["CadBody", "CadFileModel", "CadMeshBody", "merge_cad_file"]
+__all__ = ["CAD_FILES", "CadBody", "CadFileModel", "CadMeshBody", "merge_cad_file"]
 
 
 _SPECULAR_CHORD = 1e-4
@@ -278,3 +279,6 @@ def _check_faces(faces: dict[str, str], solids: list[CadSolid], place: str) -> N
 @lru_cache(maxsize=32)
 def _digest(path: str, modified: int) -> str:
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()[:32]
+
+
+CAD_FILES = FileTable(name="cad_files", model=CadFileModel, merge=merge_cad_file)

@@ -6,15 +6,13 @@ from pathlib import Path
 from typing import Any
 
 from raymap.model.errors import SceneError
+from tracer.description.fields import Placed
+from tracer.description.named_files import named_file
 from tracer.importers.lens_scene import LENS_SUFFIXES, OTHER_LENS_FILES, import_lens
 from tracer.importers.toml_text import toml_text
-from tracer.named_files import named_file
-from tracer.scene.fields import Placed
+from tracer.scene.files import FileTable
 
-__all__ = ["SCENE_SUFFIXES", "LensFileModel", "merge_lens_file", "scene_text_of"]
-
-SCENE_SUFFIXES = (*LENS_SUFFIXES, *OTHER_LENS_FILES)
-"""Suffixes of files that are scenes on their own, or are refused with what they are."""
+__all__ = ["LENS_FILES", "LensFileModel", "merge_lens_file", "scene_text_of"]
 
 
 class LensFileModel(Placed):
@@ -74,3 +72,12 @@ def merge_lens_file(
                     "too; rename one of them"
                 )
             present[key] = entry
+
+
+LENS_FILES = FileTable(
+    name="lens_files",
+    model=LensFileModel,
+    merge=merge_lens_file,
+    scene_suffixes=(*LENS_SUFFIXES, *OTHER_LENS_FILES),
+    scene_text=scene_text_of,
+)

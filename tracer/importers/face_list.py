@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.model.errors import SceneError
-from tracer.geometry.body import Body
-from tracer.geometry.lens_body import LensBody
+from tracer.bodies.body import Body
+from tracer.bodies.lens import LensBody
 from tracer.geometry.shapes import (
     Annulus,
     Conic,
@@ -49,7 +49,7 @@ def list_faces(path: str | Path) -> dict[str, Any]:
     SceneError
         for a file that cannot be read
     """
-    from tracer.importers.expand import SCENE_SUFFIXES
+    from tracer.scene.files import scene_suffixes
 
     path = Path(path)
     suffix = path.suffix.lower()
@@ -57,7 +57,7 @@ def list_faces(path: str | Path) -> dict[str, Any]:
         unit, bodies = "mm", _of_step(path)
     elif suffix in MESH_SUFFIXES:
         unit, bodies = "", [_of_mesh_file(path)]
-    elif suffix == ".toml" or suffix in SCENE_SUFFIXES:
+    elif suffix == ".toml" or suffix in scene_suffixes():
         unit, bodies = _of_scene(path)
     else:
         raise SceneError(
@@ -120,7 +120,7 @@ def _mesh_faces(mesh: Any) -> list[Row]:
 
 
 def _of_scene(path: Path) -> tuple[str, list[Row]]:
-    from tracer.geometry.bodies import MeshBody
+    from tracer.bodies.mesh import MeshBody
     from tracer.importers.cad_bodies import CadBody, CadMeshBody
     from tracer.scene.compile import resolve_bodies
     from tracer.scene.load import load_scene

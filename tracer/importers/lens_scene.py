@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from raymap.model.errors import SceneError
 from raymap.model.units import length_scale
+from tracer.description.fields import Placed
 from tracer.importers.bundles import Bundles, LitField
 from tracer.importers.codev import read_codev
 from tracer.importers.elements import Disc, Elements, build_elements
@@ -29,7 +30,6 @@ from tracer.importers.prescription import GlassName, ImportWarning, Prescription
 from tracer.importers.sequence import Sequence
 from tracer.importers.solves import solved
 from tracer.importers.zemax import read_zemax
-from tracer.scene.fields import Placed
 from tracer.scene.media import refractive_index
 from tracer.scene.model import MediumModel
 

@@ -16,9 +16,9 @@ from typing import Any
 
 from raymap.model.errors import SceneError
 from raymap.model.givenfile import check_given
+from tracer.description.named_files import is_guarded
 from tracer.importers.occt import occt
 from tracer.importers.prescription import ImportWarning
-from tracer.named_files import is_guarded
 
 __all__ = ["STEP_SUFFIXES", "CadFace", "CadSolid", "clean_name", "explore", "read_step"]
 

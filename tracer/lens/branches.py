@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from raymap.jit.kernels import kernel
 from raymap.model.events import Event
-from tracer.engine.random import advance, stream_state, uniform
 from tracer.lens.forward import trace_lens
 from tracer.lens.scene_lenses import LensScene, SceneLens
 from tracer.lens.shape import BACK, FRONT, RIM
 from tracer.lens.tree import LensTree
 from tracer.optics.polarization_rays import PolarizedRays
+from tracer.rays.random import advance, stream_state, uniform
 
 __all__ = ["Forest", "grow_forest"]
 

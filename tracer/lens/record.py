@@ -21,25 +21,25 @@ from numpy.typing import NDArray
 
 from raymap.encoding.encoder import PortionEncoder
 from raymap.jit.kernels import kernel
+from raymap.jit.types import F64, I64
 from raymap.model.directory import ChannelSet, Directory, DisplayMesh
 from raymap.model.errors import SceneError
 from raymap.model.events import Event
 from raymap.model.portion import Descriptors, Portion
 from raymap.model.schema import NORMAL_SCALE, UV_SCALE
-from tracer.engine.random import advance, stream_state, uniform
-from tracer.geometry.kinds import F64, I64
+from tracer.compiled import L_MEDIUM, SOURCE_ROW
 from tracer.lens.branches import Forest, grow_forest
 from tracer.lens.errors import LensError
 from tracer.lens.scene_lenses import LensScene
 from tracer.optics.polarization import transverse_axes
 from tracer.optics.polarization_rays import PolarizedRays
+from tracer.rays.random import advance, stream_state, uniform
 from tracer.run.recording import record
-from tracer.scene.arrays import L_MEDIUM, SOURCE_ROW
 from tracer.scene.compilations import compilation_of
 from tracer.scene.compile import Compilation
 from tracer.scene.model import Scene
 from tracer.scene.supported import refuse_weighting, require_plain_scene
-from tracer.sources import emit_ray, emitted_counts
+from tracer.sources.emission import emit_ray, emitted_counts
 
 __all__ = ["LensTracer", "LensTreeTrace", "TreeRecord", "lens_tree_trace", "record_lens_trees"]
 

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tracer.geometry.lens_body import LensBody
+from tracer.bodies.lens import LensBody
+from tracer.compiled import DIELECTRIC, F_OBJECT, F_SURFACE, S_KIND, S_MODEL, S_TABLE
 from tracer.lens.errors import LensError
 from tracer.lens.glass import Glass
 from tracer.lens.lens import Lens
 from tracer.optics.dispersion import constant
-from tracer.scene.arrays import DIELECTRIC, F_OBJECT, F_SURFACE, S_KIND, S_MODEL, S_TABLE
 from tracer.scene.compile import Compilation
 
 __all__ = ["LensScene", "Plane", "SceneLens"]

@@ -9,7 +9,7 @@ ray) and transmission (beta_0 of the refracted ray, on its side).
 The law is the BSDF itself: the scattered share of the light that arrives is the total integrated
 scatter TIS(angle of incidence) = ∫ f cos θ dΩ, whatever the surface reflects. It is taken from the
 specular light, so it is at most the specular reflectance, or transmittance
-(`tracer.scene.scatter_check`). `radial_table` refuses more than 1 at any angle.
+(`tracer.surfaces.scatter_check`). `radial_table` refuses more than 1 at any angle.
 
 References
 ----------
@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from raymap.jit.kernels import inner_kernel, lean_kernel
 from raymap.model.errors import SceneError
-from tracer.geometry.directions import turned
+from tracer.rays.directions import turned
 
 __all__ = [
     "abg",

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from raymap.jit.kernels import inner_kernel, lean_kernel
 from raymap.model.errors import SceneError
-from tracer.geometry.directions import turned
+from tracer.rays.directions import turned
 
 __all__ = [
     "check_energy",

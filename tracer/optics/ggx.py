@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 
 from raymap.jit.kernels import lean_kernel
-from tracer.geometry.directions import turned
+from tracer.rays.directions import turned
 
 __all__ = ["Vector", "ggx_distribution", "ggx_masking", "sample_ggx_normal"]
 

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from raymap.jit.kernels import inner_kernel, lean_kernel
 from raymap.model.errors import SceneError
-from tracer.geometry.directions import turned
 from tracer.optics.fresnel import fresnel_conductor, fresnel_reflectance
 from tracer.optics.ggx import Vector, ggx_masking, sample_ggx_normal
+from tracer.rays.directions import turned
 
 __all__ = [
     "LOBE",

@@ -19,14 +19,14 @@ from raymap.model.givenfile import check_given
 from raymap.optics.colorimetry import decode_srgb
 from tracer.crystals.load import Model, Number, Vector, checked, read_text
 from tracer.crystals.scene_language import bodies_of, world_of
-from tracer.named_files import named_file
+from tracer.description.named_files import named_file
 from tracer.render.camera import Camera
 from tracer.render.renderer import RenderScene
 from tracer.render.room import WALLS, Room, checker_board, uniform
 from tracer.render.spectra import visible_wavelengths
 from tracer.scene.load import parse_scene
-from tracer.scene.pictures import open_image
 from tracer.scene.supported import refuse_weighting
+from tracer.sources.pictures import open_image
 
 __all__ = ["load_render_scene", "load_render_text"]
 

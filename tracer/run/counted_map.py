@@ -12,7 +12,7 @@ from raymap.model.portion import empty_portion
 if TYPE_CHECKING:
     from raymap.file.writer import RayMapWriter
     from raymap.model.directory import ChannelSet
-    from tracer.counts import Counts
+    from tracer.transport.counts import Counts
 
 __all__ = ["write_counts"]
 

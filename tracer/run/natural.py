@@ -11,18 +11,18 @@ from raymap.model.directory import ChannelSet, Directory, DisplayMesh
 from raymap.model.portion import Portion
 from raymap.model.schema import PORTION_RAYS
 from raymap.optics.cells import is_pinhole
-from tracer.engine.wavefront import Wavefront
+from tracer.compiled import R_RAYS, R_SPLITS
 from tracer.run.rehearsal import compile_trace, order_faces
 from tracer.run.results import depth_limit
 from tracer.run.trace import Trace
-from tracer.scene.arrays import R_RAYS, R_SPLITS
 from tracer.scene.compile import Compilation
 from tracer.scene.model import Scene
-from tracer.scene.source_check import check_sources
 from tracer.scene.supported import refuse_pinholes, warn_of_polarised_sources
+from tracer.transport.source_check import check_sources
+from tracer.transport.wavefront import Wavefront
 
 if TYPE_CHECKING:
-    from tracer.engine.pinhole import Pinholes
+    from tracer.transport.pinhole import Pinholes
 
 __all__ = ["NaturalTrace"]
 
@@ -85,7 +85,7 @@ class NaturalTrace:
     def pinholes(self) -> Pinholes | None:
         if not any(is_pinhole(item) for item in self.directory.detectors):
             return None
-        from tracer.engine.pinhole import Pinholes
+        from tracer.transport.pinhole import Pinholes
 
         return Pinholes(self.compilation)
 

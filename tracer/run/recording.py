@@ -22,7 +22,6 @@ from raymap.model.portion import Portion
 from raymap.model.replacing import check_place
 from raymap.model.schema import PORTION_RECORDS
 from raymap.remote.cluster import shares_memory
-from tracer.counts import Counts
 from tracer.run.counted_map import write_counts
 from tracer.run.pieces import copied, split_portion
 from tracer.run.results import Progress, RecordResult, StoppedLight, stopped_notes
@@ -30,7 +29,8 @@ from tracer.run.trace import Trace
 from tracer.run.traces import trace_of
 from tracer.scene.compile import Compilation
 from tracer.scene.model import Scene
-from tracer.tally import Tally
+from tracer.transport.counts import Counts
+from tracer.transport.tally import Tally
 
 __all__ = ["StoppedLight", "check_target", "record", "refuse_scene_file", "run_into"]
 

@@ -11,11 +11,11 @@ from raymap.jit.compiling import Task, compile_ahead
 from raymap.model.directory import ChannelSet, Directory
 from raymap.model.events import Event
 from raymap.model.portion import Descriptors, Portion
-from tracer.engine.wavefront import Wavefront
+from tracer.compiled import F_KIND, F_OBJECT, F_TRIANGLE
 from tracer.geometry.kinds import MESH
-from tracer.scene.arrays import F_KIND, F_OBJECT, F_TRIANGLE
 from tracer.scene.compile import Compilation
-from tracer.tally import Tally
+from tracer.transport.tally import Tally
+from tracer.transport.wavefront import Wavefront
 
 __all__ = ["compile_trace", "order_faces", "rehearse"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from tracer.counts import Counts, DetectorCount
+from tracer.transport.counts import Counts, DetectorCount
 
 __all__ = ["Progress", "RecordResult", "StoppedLight", "depth_limit", "stopped_notes"]
 

@@ -22,10 +22,10 @@ from raymap.bytes.address import Address, place_of
 from raymap.file.shards import SUFFIX
 from raymap.model.errors import RayMapError, SceneError
 from raymap.remote.cluster import TRIES, worker_count
-from tracer.counts import add_counts
 from tracer.run.shard_folder import begin_folder, owned_folder
 from tracer.run.shard_tasks import Shard, ShardTask, pack, trace_shard
 from tracer.run.traces import trace_of
+from tracer.transport.counts import add_counts
 
 if TYPE_CHECKING:
     from tracer.run.results import Progress, RecordResult

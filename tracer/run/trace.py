@@ -15,8 +15,8 @@ from raymap.model.directory import ChannelSet, Directory, DisplayMesh
 from raymap.model.portion import Portion
 
 if TYPE_CHECKING:
-    from tracer.engine.pinhole import Pinholes
     from tracer.scene.model import Scene
+    from tracer.transport.pinhole import Pinholes
 
 __all__ = ["Engine", "Trace"]
 

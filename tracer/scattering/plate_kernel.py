@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.jit.kernels import kernel
-from tracer.engine.random import advance, stream_state, uniform
 from tracer.optics.fresnel import fresnel_reflectance
 from tracer.optics.phase import sample_generalized, sample_henyey_greenstein
+from tracer.rays.random import advance, stream_state, uniform
 from tracer.scattering.tilt_kernel import rough_face
 
 __all__ = ["TOTALS", "PlateProblem", "trace_plate"]

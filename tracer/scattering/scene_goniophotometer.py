@@ -78,7 +78,7 @@ def measure_scene(
 
 
 def _traced(compilation: Compilation, counts: NDArray[np.int64], seed: int) -> Iterator[Portion]:
-    from tracer.engine.wavefront import Wavefront
+    from tracer.transport.wavefront import Wavefront
 
     engine = Wavefront(compilation.arrays, seed, meshes=compilation.solids)
     first = 0

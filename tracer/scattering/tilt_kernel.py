@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.jit.kernels import kernel
-from tracer.engine.random import advance, uniform
-from tracer.geometry.directions import turned
 from tracer.optics.fresnel import fresnel_reflectance, refract
+from tracer.rays.directions import turned
+from tracer.rays.random import advance, uniform
 
 __all__ = ["rough_face", "sample_slope"]
 

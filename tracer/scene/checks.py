@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from raymap.model.errors import SceneError
-from tracer.geometry.body import Body
-from tracer.geometry.lens_body import LensBody
+from tracer.bodies.body import Body
+from tracer.bodies.lens import LensBody
 from tracer.scene.box_pairs import meeting_boxes
 
 __all__ = ["check_lenses", "on_common_axis"]

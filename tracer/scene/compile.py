@@ -23,10 +23,7 @@ from raymap.model.directory import (
 from raymap.model.errors import SceneError
 from raymap.model.limits import MAX_INDEX, MAX_NAME
 from raymap.model.plaintext import plain_text
-from tracer.geometry.kinds import ANNULUS, CYLINDER, MESH, RECTANGLE, SPHERE
-from tracer.geometry.shape_columns import ShapeColumns
-from tracer.named_files import named_file
-from tracer.scene.arrays import (
+from tracer.compiled import (
     ABSORBER,
     DIELECTRIC,
     F_DETECTOR,
@@ -41,6 +38,9 @@ from tracer.scene.arrays import (
     CompiledScene,
     RareLight,
 )
+from tracer.description.named_files import named_file
+from tracer.geometry.kinds import ANNULUS, CYLINDER, MESH, RECTANGLE, SPHERE
+from tracer.geometry.shape_columns import ShapeColumns
 from tracer.scene.candidates import Candidates, Departures
 from tracer.scene.contacts import find_contacts
 from tracer.scene.detectors import DetectorTable
@@ -50,12 +50,12 @@ from tracer.scene.meshes import SceneMeshes
 from tracer.scene.model import Scene
 from tracer.scene.rare_light import compile_rare_light
 from tracer.scene.resolve import resolve_bodies
-from tracer.scene.scatter_check import check_scatter
 from tracer.scene.sheets import warn_of_hidden_sheets
 from tracer.scene.source_faces import lift_off_faces
 from tracer.scene.sources import CompiledSources, SourceTable
 from tracer.scene.surfaces import SurfaceTable
 from tracer.scene.touching import warn_of_touching
+from tracer.surfaces.scatter_check import check_scatter
 
 __all__ = ["Compilation", "compile_scene", "resolve_bodies"]
 

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from tracer.compiled import Contacts
 from tracer.geometry.kinds import (
     ANNULUS,
     ASPHERE,
@@ -23,7 +24,6 @@ from tracer.geometry.kinds import (
     SPHERE,
 )
 from tracer.geometry.shape_columns import ShapeColumns
-from tracer.scene.arrays import Contacts
 from tracer.scene.box_pairs import meeting_boxes
 from tracer.scene.sheets import sheets_overlap
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from pydantic import Field, field_validator
 
 from raymap.model.errors import SceneError
-from tracer.scene.fields import Node, Vector
+from tracer.description.fields import Node, Vector
 
 __all__ = ["CopiesModel", "with_copies"]
 

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from raymap.model.directory import Detector
 from raymap.model.errors import SceneError
-from tracer.geometry.mesh import TriangleMesh
-from tracer.geometry.shapes import Rectangle
-from tracer.scene.arrays import (
+from raymap.model.names import nearest_names
+from tracer.compiled import (
     CAMERA,
     D_VIRTUAL,
     FAR_FIELD,
@@ -22,11 +21,12 @@ from tracer.scene.arrays import (
     VIEW_ROW,
     Views,
 )
-from tracer.scene.detector_model import DetectorModel
+from tracer.detectors.model import DetectorModel
+from tracer.detectors.surface_maps import map_face
+from tracer.geometry.mesh import TriangleMesh
+from tracer.geometry.shapes import Rectangle
 from tracer.scene.faces import FaceTable
-from tracer.scene.load import _nearest
 from tracer.scene.model import Scene
-from tracer.scene.surface_maps import map_face
 
 __all__ = ["CompiledDetectors", "DetectorTable"]
 
@@ -208,7 +208,9 @@ class DetectorTable:
             for label in (f"{item.name}.{face.name}", *face.aliases)
         }
         if wanted not in known:
-            raise self.fail(f"{name}.face", f"there is no face {wanted!r}{_nearest(wanted, known)}")
+            raise self.fail(
+                f"{name}.face", f"there is no face {wanted!r}{nearest_names(wanted, known)}"
+            )
         return known[wanted]
 
     def _mapped(

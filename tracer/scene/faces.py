@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from raymap.model.directory import DisplayMesh, Face, SceneObject
 from raymap.model.errors import SceneError
-from tracer.geometry.bodies import MeshBody
-from tracer.geometry.body import Body, FacePlan
-from tracer.geometry.lens_body import LensBody
+from raymap.model.names import nearest_names
+from tracer.bodies.body import Body, FacePlan
+from tracer.bodies.lens import LensBody
+from tracer.bodies.mesh import MeshBody
 from tracer.geometry.mesh import TriangleMesh
 from tracer.geometry.shape_columns import ShapeColumns
 from tracer.geometry.shapes import SEGMENTS, Polygon, Rectangle, Shape
-from tracer.scene.load import _nearest
 from tracer.scene.meshes import MeshFace, MeshShelf
 from tracer.scene.model import Scene, SurfaceModel
 from tracer.scene.resolve import resolve_bodies
@@ -113,7 +113,8 @@ class FaceTable:
                 f"there is no surface {name!r}; it is a kind: add [surfaces.{name}] with "
                 f'kind = "{name}" and its numbers, then name that'
             )
-        return f"there is no surface {name!r}{_nearest(name, known)} (or add [surfaces.{name}])"
+        meant = nearest_names(name, known)
+        return f"there is no surface {name!r}{meant} (or add [surfaces.{name}])"
 
     def build(self) -> None:
         """Number all faces: bodies first, then blocking detectors.
@@ -242,7 +243,7 @@ class FaceTable:
         if unknown:
             raise self.fail(
                 f"bodies.{name}.faces.{unknown[0]}",
-                f"a {body.kind} has no such face{_nearest(unknown[0], dict.fromkeys(known, 0))}",
+                f"a {body.kind} has no such face{nearest_names(unknown[0], known)}",
             )
 
     def _face(self, plan: FacePlan, before: list[Face], surface: int, partner: str | None) -> Face:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -13,10 +12,11 @@ from pydantic import BaseModel, ValidationError
 
 from raymap.model.errors import SceneError
 from raymap.model.givenfile import given_text
-from tracer.crystals.rhomb_body import RhombBody
-from tracer.geometry.bodies import BODIES
-from tracer.geometry.body import Body
+from raymap.model.names import nearest_names
+from tracer.bodies.body import Body
+from tracer.bodies.registry import BODIES
 from tracer.scene.copies import CopiesModel, with_copies
+from tracer.scene.files import FILE_TABLES, table_of_scene_file
 from tracer.scene.model import (
     DetectorModel,
     MediumModel,
@@ -38,14 +38,11 @@ OTHER_FILES = {
 
 Model = TypeVar("Model", bound=BaseModel)
 
-_KINDS: dict[str, type[Body]] = BODIES | {"rhomb": RhombBody}
-
 _INTERNAL = {"text", "origin", "folder", "selecting"}
 _TABLES = (set(Scene.model_fields) - _INTERNAL) | {
-    "use", "leave_out", "variants", "simulations", "lens_files", "cad_files",
-    "room", "camera", "render",
+    "use", "leave_out", "variants", "simulations", "room", "camera", "render",
 }  # fmt: skip
-"""What may stand at the top of a scene file."""
+"""What may stand at the top of a scene file, beside tables that name files."""
 
 _PICTURE = ("room", "camera", "render")
 """What only `raymap render` reads (`tracer.render.load`)."""
@@ -93,12 +90,10 @@ def load_scene(
     """
     path = Path(path)
     if path.suffix.lower() not in ("", ".toml"):
-        from tracer.importers.expand import SCENE_SUFFIXES, scene_text_of
-
-        if path.suffix.lower() in SCENE_SUFFIXES:
-            text = scene_text_of(path)
+        taker = table_of_scene_file(path)
+        if taker is not None and taker.scene_text is not None:
             return parse_scene(
-                text,
+                taker.scene_text(path),
                 variants=variants,
                 simulation=simulation,
                 origin=path.name,
@@ -140,7 +135,7 @@ def parse_scene(
     tree.pop("variants", None)
     for name in (*chosen.variants, *variants):
         if name not in known:
-            raise SceneError(f"{origin}: there is no variant {name!r}{_nearest(name, known)}")
+            raise SceneError(f"{origin}: there is no variant {name!r}{nearest_names(name, known)}")
         tree = _overlaid(tree, known[name])
     for key in tree:
         if key == "name" and "bodies" not in tree:
@@ -148,9 +143,9 @@ def parse_scene(
                 f"{origin}: this is not a scene: configurations with a name (conoscopy, conical "
                 "refraction) are for raymap verify-crystals --scenes FOLDER"
             )
-        if key not in _TABLES:
-            known = dict.fromkeys(sorted(_TABLES), 0)
-            raise SceneError(f"{origin}: {key}: unknown key{_nearest(key, known)}")
+        if key not in _TABLES and key not in FILE_TABLES:
+            every = sorted({*_TABLES, *FILE_TABLES})
+            raise SceneError(f"{origin}: {key}: unknown key{nearest_names(key, every)}")
     for key in _PICTURE:
         tree.pop(key, None)
     tree["text"] = text
@@ -192,28 +187,18 @@ def _simulation(tree: dict[str, Any], name: str | None, origin: str) -> Simulati
     if name is None:
         return SimulationModel()
     if name not in models:
-        raise SceneError(f"{origin}: there is no simulation {name!r}{_nearest(name, models)}")
+        raise SceneError(f"{origin}: there is no simulation {name!r}{nearest_names(name, models)}")
     return models[name]
 
 
 def _merge_files(tree: dict[str, Any], origin: str, folder: Path) -> None:
     """Replace tables that name files of other programs by what these hold."""
-    entries = _table(tree, "lens_files", origin)
-    if entries:
-        from tracer.importers.expand import LensFileModel, merge_lens_file
-
-        for name, entry in entries.items():
-            model = _validated(LensFileModel, entry, f"lens_files.{name}", origin)
-            merge_lens_file(tree, name, model, folder, origin)
-    tree.pop("lens_files", None)
-    entries = _table(tree, "cad_files", origin)
-    if entries:
-        from tracer.importers.cad_bodies import CadFileModel, merge_cad_file
-
-        for name, entry in entries.items():
-            cad = _validated(CadFileModel, entry, f"cad_files.{name}", origin)
-            merge_cad_file(tree, name, cad, folder, origin)
-    tree.pop("cad_files", None)
+    for key in [name for name in tree if name in FILE_TABLES]:
+        table = FILE_TABLES[key]
+        for name, entry in _table(tree, key, origin).items():
+            model = _validated(table.model, entry, f"{key}.{name}", origin)
+            table.merge(tree, name, model, folder, origin)
+        tree.pop(key)
 
 
 def _overlaid(base: Any, over: Any) -> Any:
@@ -244,12 +229,12 @@ def _table(tree: dict[str, Any], key: str, origin: str) -> dict[str, Any]:
 def _body(entry: dict[str, Any], name: str, origin: str) -> Body:
     kind = entry.get("kind")
     if kind is None:
-        raise SceneError(f"{origin}: bodies.{name}: kind is missing; one of {', '.join(_KINDS)}")
-    if not isinstance(kind, str) or kind not in _KINDS:
+        raise SceneError(f"{origin}: bodies.{name}: kind is missing; one of {', '.join(BODIES)}")
+    if not isinstance(kind, str) or kind not in BODIES:
         raise SceneError(
-            f"{origin}: bodies.{name}.kind: there is no body {kind!r}{_nearest(str(kind), _KINDS)}"
+            f"{origin}: bodies.{name}.kind: there is no body {kind!r}{BODIES.nearest(str(kind))}"
         )
-    return _validated(_KINDS[kind], entry, f"bodies.{name}", origin)
+    return _validated(BODIES[kind], entry, f"bodies.{name}", origin)
 
 
 def _with_copies(entries: dict[str, Any], table: str, origin: str) -> dict[str, Any]:
@@ -291,7 +276,7 @@ def _first_line(error: ValidationError, model: type[BaseModel], place: str) -> s
                 f'{parts[-1]}, and medium = "NAME" here'
             )
         known = dict.fromkeys(name for item in models for name in item.model_fields)
-        return f"{key}: unknown key{_nearest(parts[-1], known)}"
+        return f"{key}: unknown key{nearest_names(parts[-1], known)}"
     if problem["type"] == "missing":
         if issubclass(model, Body) and parts[-1] == "medium":
             return f'{key}: is missing; the body is solid: write [media.NAME] and medium = "NAME"'
@@ -312,11 +297,3 @@ def _models_in(annotation: Any) -> list[type[BaseModel]]:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     return [found for item in get_args(annotation) for found in _models_in(item)]
-
-
-def _nearest(name: str, known: Mapping[str, Any]) -> str:
-    """'; did you mean …' or the list of what there is."""
-    close = difflib.get_close_matches(name, list(known), n=2, cutoff=0.6)
-    if close:
-        return f"; did you mean {' or '.join(repr(item) for item in close)}?"
-    return f"; known are {', '.join(known)}" if known else "; there are none"

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from raymap.model.directory import Medium
 from raymap.model.errors import RayMapError, SceneError
+from raymap.model.names import nearest_names
 from raymap.model.units import length_scale
+from tracer.description.fields import ByWavelength
 from tracer.optics import dispersion, phase
 from tracer.optics.glasses import Glass, find_glass
-from tracer.scene.fields import ByWavelength
-from tracer.scene.load import _nearest
 from tracer.scene.model import RGB_NM, MediumModel, Phase, Scene
 
 __all__ = ["MediumTable", "MissingAbsorption", "medium_table", "refractive_index"]
@@ -60,7 +60,7 @@ class MediumTable:
                     f"catalogue: add [media.{name}] glass = {name!r}"
                 )
             raise SceneError(
-                f"{self.origin}: {place}: there is no medium {name!r}{_nearest(name, known)} "
+                f"{self.origin}: {place}: there is no medium {name!r}{nearest_names(name, known)} "
                 f"(or add [media.{name}])"
             )
         return self.names.index(name)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.model.directory import Quadric
-from tracer.geometry.bodies import MeshBody
+from tracer.bodies.mesh import MeshBody
 from tracer.geometry.kinds import MESH, ROW
 from tracer.geometry.mesh import TriangleMesh
 from tracer.geometry.shapes import Bounds, Mesh

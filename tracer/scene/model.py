@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from pydantic import Field, SerializeAsAny, SerializerFunctionWrapHandler, model_serializer
 
 from raymap.model.limits import MAX_CHANNELS
-from tracer.geometry.body import Body
-from tracer.scene.detector_model import DetectorModel
-from tracer.scene.fields import Finite, Length, Node, Positive, Share, Spectral
+from tracer.bodies.body import Body
+from tracer.description.fields import Finite, Length, Node, Positive, Share, Spectral
+from tracer.detectors.model import DetectorModel
 from tracer.scene.rare_light import TraceModel
 from tracer.scene.selecting import Selecting
-from tracer.scene.source_model import SourceModel
+from tracer.sources.model import SourceModel
 
 __all__ = [
     "DetectorModel",

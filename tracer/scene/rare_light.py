@@ -10,16 +10,17 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from raymap.model.errors import SceneError
+from raymap.model.names import nearest_names
 from raymap.model.wildcards import Wildcard
-from tracer.geometry.shapes import Annulus, Rectangle, Shape
-from tracer.scene.arrays import (
+from tracer.compiled import (
     TARGET_RECTANGLE,
     TARGET_RING,
     TARGET_ROW,
     TARGET_SPHERE,
     RareLight,
 )
-from tracer.scene.fields import Node, Vector
+from tracer.description.fields import Node, Vector
+from tracer.geometry.shapes import Annulus, Rectangle, Shape
 
 __all__ = ["TraceModel", "compile_rare_light"]
 
@@ -124,12 +125,10 @@ def compile_rare_light(
             if wanted.matches(name) and name.rpartition(".")[0] not in detectors:
                 rows.append(_target(shapes))
         if not rows:
-            from tracer.scene.load import _nearest
-
             known = dict.fromkeys([*detectors, *owners, *faces], 0)
             raise SceneError(
                 f"{origin}: trace.aim: nothing that can be aimed at is called "
-                f"{pattern!r}{_nearest(pattern, known)}"
+                f"{pattern!r}{nearest_names(pattern, known)}"
             )
         targets += rows
     settings = np.array(

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from raymap.model.errors import SceneError
-from tracer.geometry.body import Body
-from tracer.geometry.lens_body import LensBody
+from raymap.model.names import nearest_names
+from tracer.bodies.body import Body
+from tracer.bodies.lens import LensBody
 from tracer.scene.checks import check_lenses
-from tracer.scene.load import _nearest
 from tracer.scene.model import Scene
 
 __all__ = ["resolve_bodies"]
@@ -44,7 +44,7 @@ def resolve_bodies(scene: Scene) -> dict[str, Body]:
             if partner is None or partner is body:
                 raise SceneError(
                     f"{place}.front.cemented: there is no lens {body.front.cemented!r} before "
-                    f"it{_nearest(body.front.cemented, lenses)}"
+                    f"it{nearest_names(body.front.cemented, lenses)}"
                 )
             circle = _circle(name, lenses)
             if circle:

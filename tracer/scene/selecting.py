@@ -12,7 +12,7 @@ from typing import Any
 
 from raymap.model.errors import SceneError
 from raymap.model.wildcards import Wildcard
-from tracer.scene.fields import Node
+from tracer.description.fields import Node
 
 __all__ = ["KINDS", "Selecting", "SimulationModel", "select_parts"]
 

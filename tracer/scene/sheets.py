@@ -13,8 +13,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from tracer.compiled import Contacts
 from tracer.geometry.shapes import Annulus, Polygon, Rectangle, Shape
-from tracer.scene.arrays import Contacts
 from tracer.scene.faces import Primitive
 from tracer.scene.model import SurfaceModel
 

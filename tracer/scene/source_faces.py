@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tracer.compiled import FROM_BOX, FROM_LIST, FROM_POINT, L_AREA, L_DIRECTIONS, UNIFORM_CONE
 from tracer.geometry.kinds import MESH, SPHERE
 from tracer.geometry.shape_columns import ShapeColumns
-from tracer.scene.arrays import FROM_BOX, FROM_LIST, FROM_POINT, L_AREA, L_DIRECTIONS, UNIFORM_CONE
 from tracer.scene.sources import CompiledSources
 
 __all__ = ["lift_off_faces"]

@@ -13,11 +13,9 @@ from numpy.typing import NDArray
 
 from raymap.model.directory import ChannelSet
 from raymap.model.errors import SceneError
+from raymap.model.names import nearest_names
 from raymap.optics.photometry import channel_efficacy
-from tracer.light import IntensityGrid, Opening, RayList
-from tracer.optics.dispersion import OutOfRangeWarning
-from tracer.optics.spectrum import SourceSpectrum, tabulated_spectrum
-from tracer.scene.arrays import (
+from tracer.compiled import (
     BY_TABLE,
     COLLIMATED,
     FEW_SOLIDS,
@@ -40,12 +38,15 @@ from tracer.scene.arrays import (
     WORD_FEW,
     WORD_MANY,
 )
-from tracer.scene.fields import ByWavelength
-from tracer.scene.light_pool import LightPool, PooledList, length_in
+from tracer.description.fields import ByWavelength
+from tracer.light import IntensityGrid, Opening, RayList
+from tracer.optics.dispersion import OutOfRangeWarning
+from tracer.optics.spectrum import SourceSpectrum, tabulated_spectrum
 from tracer.scene.model import RGB_NM, Scene
-from tracer.scene.source_model import SourceModel, cone_cosine
-from tracer.scene.spectra import SpectrumModel, convert_flux, source_shares
-from tracer.sources import deal_rays
+from tracer.sources.emission import deal_rays
+from tracer.sources.light_pool import LightPool, PooledList, length_in
+from tracer.sources.model import SourceModel, cone_cosine
+from tracer.sources.spectra import SpectrumModel, convert_flux, source_shares
 
 __all__ = ["CompiledSources", "SourceTable"]
 
@@ -200,7 +201,7 @@ class SourceTable:
             area = FROM_RING
             row[21], row[22] = pool.add_ring(), math.radians(model.tilt_deg)
         if model.kind == "picture" and model.on:
-            from tracer.scene.pictures import read_picture
+            from tracer.sources.pictures import read_picture
 
             assert model.file is not None
             try:
@@ -285,14 +286,13 @@ class SourceTable:
         return length_in(light.length_unit, self.scene.length_unit)
 
     def _nest(self, name: str, model: SourceModel) -> tuple[int, int]:
-        """Nest and medium in which the source's light starts (see `tracer.engine.nests`)."""
+        """Nest and medium in which the source's light starts (see `tracer.transport.nests`)."""
         within: list[str] = []
         for solid in model.inside:
             if solid not in self.nests:
-                from tracer.scene.load import _nearest
-
                 raise self.fail(
-                    f"{name}.inside", f"there is no solid {solid!r}{_nearest(solid, self.nests)}"
+                    f"{name}.inside",
+                    f"there is no solid {solid!r}{nearest_names(solid, self.nests)}",
                 )
             if solid in within:
                 raise self.fail(f"{name}.inside", f"names {solid!r} twice; drop one")

@@ -9,7 +9,7 @@ import numpy as np
 
 from raymap.model.errors import SceneError
 from raymap.optics.cells import is_pinhole
-from tracer.scene.arrays import (
+from tracer.compiled import (
     COLLIMATED,
     FROM_POINT,
     L_AREA,

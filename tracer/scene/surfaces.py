@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.model.errors import SceneError
-from tracer.optics import abg, bsdf, coatings, microfacet_losses
-from tracer.scene.arrays import (
+from tracer.compiled import (
     ABSORBER,
     DIELECTRIC,
     FILTER,
@@ -28,7 +27,8 @@ from tracer.scene.arrays import (
     SURFACE_ROW,
     TABULATED,
 )
-from tracer.scene.fields import ByWavelength
+from tracer.description.fields import ByWavelength
+from tracer.optics import abg, bsdf, coatings, microfacet_losses
 from tracer.scene.media import MediumTable
 from tracer.scene.model import RGB_NM, CoatingLayer, MeasuredScatter, SurfaceModel
 

@@ -16,9 +16,10 @@ import numpy as np
 
 from raymap.model.directory import Directory
 from raymap.model.errors import SceneError
-from tracer.geometry.bodies import MeshBody, RingBody
-from tracer.geometry.body import Body
-from tracer.geometry.lens_body import LensBody
+from tracer.bodies.body import Body
+from tracer.bodies.lens import LensBody
+from tracer.bodies.mesh import MeshBody
+from tracer.bodies.ring import RingBody
 from tracer.scene.media import refractive_index
 from tracer.scene.model import MediumModel, Scene
 
@@ -239,8 +240,8 @@ def _parts(scene: Scene, directory: Directory, channels: list[str]) -> dict[str,
 def examine(scene: Scene) -> dict[str, Any]:
     """What `raymap check` reports: bodies, media, overlaps, first-order numbers."""
     from tracer.scene.compile import compile_scene
-    from tracer.scene.source_check import check_sources
     from tracer.scene.supported import warn_of_polarised_sources
+    from tracer.transport.source_check import check_sources
 
     if scene.has_crystals:
         from tracer.crystals.scene_language import compile_crystals

@@ -101,7 +101,7 @@ def _cut(vertices: NDArray[np.float64], triangles: NDArray[np.int32]) -> NDArray
 
 def _rays(compilation: Compilation) -> list[NDArray[np.float64]]:
     """Some transmitted rays of the collimated sources that are on, as points (z, y)."""
-    from tracer.engine.wavefront import Wavefront
+    from tracer.transport.wavefront import Wavefront
 
     starts, along = [], []
     for model in compilation.scene.sources.values():

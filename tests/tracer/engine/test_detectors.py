@@ -20,8 +20,8 @@ from raymap.model.errors import RayMapError, SceneError
 from raymap.optics.cells import cell_measure
 from tests.tracer.chi2 import SIGNIFICANCE, chi2_counts
 from tests.tracer.engine.tracing import compiled, trace
+from tracer.detectors.model import DetectorModel
 from tracer.run.recording import record
-from tracer.scene.detector_model import DetectorModel
 from tracer.scene.load import parse_scene
 
 UNITS = 'length_unit = "mm"\nflux_unit = "lm"\n'

@@ -241,7 +241,7 @@ kind = "point"
 @settings(max_examples=20, deadline=None)
 @given(st.lists(st.floats(0.01, 5.0), min_size=1, max_size=6), st.integers(0, 10_000))
 def test_rays_are_dealt_in_proportion_everywhere(shares: list[float], first: int) -> None:
-    from tracer.sources import PATTERN, deal_rays, emitted_counts
+    from tracer.sources.emission import PATTERN, deal_rays, emitted_counts
 
     values = np.array(shares)
     pattern = deal_rays(values)

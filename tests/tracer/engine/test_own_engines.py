@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from tests.whole_engine import own_compile, whole
-from tracer.engine.wavefront import Wavefront
 from tracer.scene.load import load_scene
+from tracer.transport.wavefront import Wavefront
 
 SAMPLES = Path(__file__).parents[3] / "samples"
 OTHERS = [

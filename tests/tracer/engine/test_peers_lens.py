@@ -14,7 +14,7 @@ from raymap.model.events import Event
 from tracer.run.recording import record
 from tracer.scene.load import load_scene, parse_scene
 from tracer.scene.media import refractive_index
-from tracer.trace import trace_rays
+from tracer.transport.trace import trace_rays
 
 SAMPLE = Path(__file__).parents[3] / "samples" / "double_gauss.toml"
 

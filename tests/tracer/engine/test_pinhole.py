@@ -289,7 +289,7 @@ share = 3
 
 def test_other_engines_refuse_what_they_do_not_know(tmp_path: Path) -> None:
     from tracer.lens.record import record_lens_trees
-    from tracer.polarized_record import record_polarized
+    from tracer.polarized.record import record_polarized
 
     weighted = '[trace]\nmode = "weighted"\nmin_reflection = 0.1\n'
     room = UNITS + ROOM.format(satin=SATIN["lambertian"])

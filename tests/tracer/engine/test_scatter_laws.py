@@ -15,8 +15,8 @@ import pytest
 from raymap.model.errors import SceneError
 from raymap.model.events import Event
 from tests.tracer.engine.tracing import Trace, compiled
-from tracer.engine.wavefront import Wavefront
 from tracer.optics.fresnel import fresnel_reflectance
+from tracer.transport.wavefront import Wavefront
 
 SCENE = """
 [surfaces.probe]

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from raymap.model.portion import Portion
-from tracer.engine.wavefront import Wavefront
+from tracer.compiled import F_OBJECT, F_TRIANGLE
 from tracer.run.rehearsal import order_faces
-from tracer.scene.arrays import F_OBJECT, F_TRIANGLE
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import load_scene, parse_scene
+from tracer.transport.wavefront import Wavefront
 
 SAMPLE = Path(__file__).parents[3] / "samples" / "double_gauss.toml"
 

@@ -15,11 +15,11 @@ from query.answers.ghosts import ghost_matrix
 from raymap.model.events import Event
 from raymap.model.portion import Portion
 from tests.tracer.engine.tracing import compiled
-from tracer.engine.wavefront import Wavefront
 from tracer.run.pieces import split_portion
 from tracer.run.recording import record
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.load import parse_scene
+from tracer.transport.wavefront import Wavefront
 
 SAMPLES = Path(__file__).parents[3] / "samples"
 LENS = (SAMPLES / "double_gauss.toml").read_text()

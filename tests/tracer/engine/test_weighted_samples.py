@@ -10,13 +10,13 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import t
 
-from tracer.counts import Counts
-from tracer.engine.wavefront import Wavefront
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import load_scene
 from tracer.scene.model import Scene
 from tracer.scene.rare_light import TraceModel
-from tracer.tally import Tally
+from tracer.transport.counts import Counts
+from tracer.transport.tally import Tally
+from tracer.transport.wavefront import Wavefront
 
 SAMPLES = Path(__file__).parents[3] / "samples"
 BATCHES = 24

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from raymap.model.events import Event
 from raymap.model.portion import Portion
-from tracer.engine.wavefront import Wavefront
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.load import parse_scene
+from tracer.transport.wavefront import Wavefront
 
 HEAD = 'length_unit = "mm"\n'
 

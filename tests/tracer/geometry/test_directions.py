@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.jit.kernels import kernel
-from tracer.geometry.directions import about, turned
+from tracer.rays.directions import about, turned
 
 F64 = NDArray[np.float64]
 

@@ -7,12 +7,12 @@ import pytest
 from numpy.typing import NDArray
 
 from raymap.jit.kernels import kernel
-from tracer.engine.random import advance, stream_state, uniform
 from tracer.geometry.mesh import TriangleMesh, make_mesh, smooth_normals
 from tracer.geometry.mesh_arrays import MeshArrays, MeshScratch, mesh_scratch
 from tracer.geometry.mesh_hits import nearest_on_meshes
 from tracer.geometry.mesh_scene import MeshScene, Placement, count_crossing_edges
 from tracer.geometry.mesh_triangles import mesh_normal, mesh_shading_normal
+from tracer.rays.random import advance, stream_state, uniform
 
 CUBE_V = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
 CUBE_T = np.array(

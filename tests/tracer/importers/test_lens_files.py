@@ -17,8 +17,8 @@ from typer.testing import CliRunner
 
 from raymap.cli import application
 from raymap.model.errors import RayMapError, SceneError
-from tracer.geometry.bodies import RingBody
-from tracer.geometry.lens_body import LensBody
+from tracer.bodies.lens import LensBody
+from tracer.bodies.ring import RingBody
 from tracer.importers.codev import parse_codev
 from tracer.importers.lens_scene import import_lens
 from tracer.importers.prescription import ImportWarning
@@ -26,7 +26,7 @@ from tracer.importers.toml_text import toml_text
 from tracer.importers.zemax import parse_zemax, read_zemax
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import load_scene, parse_scene
-from tracer.trace import trace_rays
+from tracer.transport.trace import trace_rays
 
 LENSES = Path(__file__).parents[2] / "data" / "lenses"
 PHOTO = LENSES / "US08427765-1.zmx"

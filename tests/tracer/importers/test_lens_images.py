@@ -14,7 +14,7 @@ from tests.tracer.importers.lens_texts import messages, opened, zemax
 from tracer.importers.lens_scene import import_lens
 from tracer.importers.prescription import ImportWarning
 from tracer.scene.load import load_scene, parse_scene
-from tracer.trace import trace_rays
+from tracer.transport.trace import trace_rays
 
 N = 1.51680
 FRONT = "STOP;CURV 0.02;DISZ 5;GLAS N-BK7 0 0 1.5 40;DIAM 10 0"

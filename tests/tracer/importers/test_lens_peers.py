@@ -18,7 +18,7 @@ from tracer.importers.text import read_text
 from tracer.run.recording import record
 from tracer.scene.load import load_scene
 from tracer.scene.model import Scene
-from tracer.trace import trace_rays
+from tracer.transport.trace import trace_rays
 
 LENSES = Path(__file__).parents[2] / "data" / "lenses"
 FILES = ["354710-C", "US05331467-1", "US05831776-1", "US08427765-1"]

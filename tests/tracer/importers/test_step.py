@@ -35,7 +35,7 @@ from tracer.importers.step_read import read_step
 from tracer.run.recording import record
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import load_scene, parse_scene
-from tracer.trace import trace_rays
+from tracer.transport.trace import trace_rays
 
 SCENE = """
 length_unit = "mm"

@@ -15,7 +15,7 @@ from raymap.model.events import Event
 from tracer import compile_scene, parse_scene
 from tracer.lens import LensError
 from tracer.lens.record import LensTracer, LensTreeTrace, record_lens_trees
-from tracer.polarized_record import Polarization, record_polarized
+from tracer.polarized.record import Polarization, record_polarized
 from tracer.run.results import StoppedLight
 
 SCENE = """

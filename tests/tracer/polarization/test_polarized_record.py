@@ -14,7 +14,7 @@ from raymap.model.events import Event
 from raymap.model.portion import Portion
 from tracer import compile_scene, parse_scene
 from tracer.lens import Lens
-from tracer.polarized_record import Polarization, PolarizedWavefront, record_polarized
+from tracer.polarized.record import Polarization, PolarizedWavefront, record_polarized
 from tracer.scene.load import load_scene
 from tracer.studies.lens_beams import parallel_beam
 from tracer.studies.levels import level_shares

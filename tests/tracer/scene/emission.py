@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.model.portion import Portion
-from tracer.engine.wavefront import Wavefront
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import parse_scene
 from tracer.scene.model import Scene
-from tracer.scene.source_model import SourceModel
+from tracer.sources.model import SourceModel
+from tracer.transport.wavefront import Wavefront
 
 
 def with_source(model: SourceModel, text: str = "", **spectrum: object) -> Scene:

@@ -15,7 +15,7 @@ from tests.tracer.scene.emission import directions, emitted, starts, with_source
 from tracer.light import IntensityGrid
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import parse_scene
-from tracer.scene.source_model import SourceModel
+from tracer.sources.model import SourceModel
 
 GAMMA = [0.0, 20.0, 45.0, 70.0, 90.0]
 HALF_TABLE = """

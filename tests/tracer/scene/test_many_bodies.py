@@ -11,9 +11,8 @@ import pytest
 
 from raymap.model.errors import SceneError
 from tests.tracer.engine.test_settled import crowd
-from tracer.engine.wavefront import Wavefront
+from tracer.bodies.lens import LensBody
 from tracer.geometry.kinds import ANNULUS, CYLINDER, POLYGON, RECTANGLE, SPHERE
-from tracer.geometry.lens_body import LensBody
 from tracer.geometry.shape_columns import ShapeColumns
 from tracer.geometry.shapes import Annulus, Cylinder, Polygon, Rectangle, Shape, SphereCap
 from tracer.scene import candidates
@@ -22,6 +21,7 @@ from tracer.scene.checks import check_lenses, on_common_axis
 from tracer.scene.compile import compile_scene
 from tracer.scene.contacts import find_contacts
 from tracer.scene.load import parse_scene
+from tracer.transport.wavefront import Wavefront
 
 Pairs = set[tuple[int, int]]
 

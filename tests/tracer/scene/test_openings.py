@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tests.tracer.chi2 import SIGNIFICANCE, chi2_counts
 from tests.tracer.scene.emission import directions, emitted, starts, with_source
 from tracer.light import IntensityGrid, Opening, OpeningShape
-from tracer.scene.source_model import SourceModel
+from tracer.sources.model import SourceModel
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from tests.tracer.scene.emission import directions, emitted, starts, with_source
 from tracer.light import RayList
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import parse_scene
-from tracer.scene.source_model import SourceModel
+from tracer.sources.model import SourceModel
 
 
 def listed(n: int, flux: NDArray[np.float64], **rest: object) -> RayList:

@@ -12,7 +12,7 @@ from raymap.model.errors import SceneError
 from tracer.run.recording import StoppedLight, record
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import parse_scene
-from tracer.scene.source_check import MisplacedLight
+from tracer.transport.source_check import MisplacedLight
 
 BALL = """
 [media.glass]

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from raymap.model.errors import SceneError
 from raymap.optics.colorimetry import luminous_efficacy
-from tracer.scene.spectra import SpectrumModel, convert_flux, source_shares
+from tracer.sources.spectra import SpectrumModel, convert_flux, source_shares
 
 
 @pytest.mark.parametrize(

@@ -119,7 +119,7 @@ def test_a_turned_contact_is_found_too(folder: Path) -> None:
 
 
 def _rotation(x: float, y: float, z: float) -> np.ndarray:
-    from tracer.scene.fields import Placed
+    from tracer.description.fields import Placed
 
     return Placed(rotation=(x, y, z)).frame()[1]
 

@@ -1,0 +1,17 @@
+"""What a user may have meant by a name that is not known."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+__all__ = ["nearest_names"]
+
+
+def nearest_names(name: str, known: Iterable[str]) -> str:
+    """'; did you mean …', or the list of what there is."""
+    names = list(known)
+    close = difflib.get_close_matches(name, names, n=2, cutoff=0.6)
+    if close:
+        return f"; did you mean {' or '.join(repr(item) for item in close)}?"
+    return f"; known are {', '.join(names)}" if names else "; there are none"

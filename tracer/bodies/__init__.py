@@ -1,0 +1,1 @@
+"""Bodies of a scene: a kind a file."""

@@ -1,0 +1,1 @@
+"""Words that all tables of a scene file share: numbers, places, names, channels."""

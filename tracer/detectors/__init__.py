@@ -1,0 +1,1 @@
+"""Detectors of a scene: their keys and their cells."""

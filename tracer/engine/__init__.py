@@ -1,1 +1,0 @@
-"""The Monte Carlo engines: emission, nearest surface, interaction, record."""

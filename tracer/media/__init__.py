@@ -1,0 +1,1 @@
+"""Media of a scene, and what happens on the way through them."""

@@ -1,0 +1,1 @@
+"""Polarised light along the rays of the wavefront."""

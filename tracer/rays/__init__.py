@@ -1,0 +1,1 @@
+"""What every ray needs: random numbers, directions, colour codes."""

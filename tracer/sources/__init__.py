@@ -1,0 +1,1 @@
+"""Sources of a scene: their keys, and how they emit."""

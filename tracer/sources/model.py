@@ -1,0 +1,275 @@
+"""Light sources in the scene description."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import (
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    SerializerFunctionWrapHandler,
+    Tag,
+    field_serializer,
+    model_serializer,
+    model_validator,
+)
+
+from raymap.model.errors import SceneError
+from tracer.description.fields import ByWavelength, Node, Placed, Positive, Vector, is_direction
+from tracer.description.named_files import named_file
+from tracer.light import IntensityGrid, RayList
+from tracer.sources.spectra import SpectrumModel
+
+__all__ = ["IntensityTable", "SourceModel", "cone_cosine"]
+
+Array = NDArray[np.float64]
+Angles = tuple[float, ...]
+
+
+class IntensityTable(Node):
+    """An intensity table in the scene file: a row of values per gamma (or theta).
+
+    Either ``gamma_deg`` and ``c_deg`` (type C, see `tracer.light`), or ``theta_deg`` and
+    ``phi_deg``, right-handed about the axis. Without azimuths the values are one per angle.
+    """
+
+    gamma_deg: Angles = ()
+    c_deg: Angles = (0.0,)
+    theta_deg: Angles = ()
+    phi_deg: Angles = (0.0,)
+    value: tuple[tuple[float, ...], ...]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _rows(cls, data: Any) -> Any:
+        if isinstance(data, dict):
+            values = data.get("value")
+            if isinstance(values, list | tuple) and values and not isinstance(values[0], list):
+                data = data | {"value": [[value] for value in values]}
+        return data
+
+    def model_post_init(self, context: Any) -> None:
+        if bool(self.gamma_deg) == bool(self.theta_deg):
+            raise ValueError(
+                "an intensity table takes gamma_deg (and c_deg) or theta_deg (phi_deg)"
+            )
+        angles, turns = self.gamma_deg or self.theta_deg, self.phi_deg
+        if self.gamma_deg:
+            turns = self.c_deg
+        if len(self.value) != len(angles) or any(len(row) != len(turns) for row in self.value):
+            raise ValueError(
+                f"value needs {len(angles)} rows of {len(turns)} (one per angle from the axis, "
+                "with one number per azimuth)"
+            )
+
+    def build(self, name: str) -> IntensityGrid:
+        """The table as light.
+
+        Raises
+        ------
+        SceneError
+        """
+        values = np.array(self.value, np.float64)
+        if self.gamma_deg:
+            return IntensityGrid(
+                gamma_deg=np.array(self.gamma_deg),
+                c_deg=np.array(self.c_deg),
+                intensity=values,
+                name=name,
+            )
+        return IntensityGrid.from_theta_phi(self.theta_deg, self.phi_deg, values, name=name)
+
+
+def _as_spectrum(value: Any) -> Any:
+    """A bare word is an illuminant by name."""
+    if isinstance(value, str) and value != "white":
+        return {"illuminant": value}
+    return value
+
+
+def _spectrum_kind(value: Any) -> str:
+    if value == "white" or isinstance(value, str):
+        return "white"
+    keys = set(value) if isinstance(value, dict) else set()
+    table = isinstance(value, ByWavelength) or keys & {"wavelength_nm", "value", "rgb"}
+    return "table" if table else "model"
+
+
+SourceLight = Annotated[
+    Annotated[Literal["white"], Tag("white")]
+    | Annotated[ByWavelength, Tag("table")]
+    | Annotated[SpectrumModel, Tag("model")],
+    Discriminator(_spectrum_kind),
+    BeforeValidator(_as_spectrum),
+]
+
+
+def _as_names(value: Any) -> Any:
+    """A bare word is one name."""
+    return (value,) if isinstance(value, str) else value
+
+
+Names = Annotated[tuple[str, ...], Field(max_length=7), BeforeValidator(_as_names)]
+
+_KEYS: dict[str, tuple[str, ...]] = {
+    "collimated": ("diameter", "inner_diameter", "size", "direction", "aim", "distance"),
+    "lambertian": ("diameter", "inner_diameter", "size", "cone_deg"),
+    "point": ("cone_deg",),
+    "ring": ("diameter", "inner_diameter", "tilt_deg", "cone_deg"),
+    "picture": ("size", "file", "cone_deg"),
+    "intensity": ("intensity", "file", "light", "diameter", "size"),
+    "rays": ("file", "light", "draw", "scale", "flux_from"),
+}
+_COMMON = {
+    "kind", "on", "flux", "flux_unit", "share", "spectrum", "inside", "position", "axis",
+    "rotation", "direction", "aim", "distance", "polarisation",
+}  # fmt: skip
+
+
+class SourceModel(Placed):
+    """A light source.
+
+    collimated : parallel beam from a disc (``diameter``) or rectangle (``size``); along
+        ``direction``, or through the point ``aim`` with the given direction, starting ``distance``
+        before it
+    lambertian : disc or rectangle that emits into the half space (or ``cone_deg``) along its axis
+    point : from one point, uniform into all directions or within ``cone_deg`` of its axis
+    ring : Lambertian ring light of ``diameter``, and ``inner_diameter`` if it has a width; with
+        ``tilt_deg`` its light leans towards the axis
+    picture : rectangle that emits as a picture ``file`` shows, Lambertian
+    intensity : a table of intensities (``intensity``, ``file`` or ``light``), from a point, or
+        evenly from a disc or rectangle
+    rays : a list of rays (``file`` or ``light``), drawn by their flux or emitted ``in_order``;
+        ``flux_from`` says what counts where a file's header states another flux than its rays
+
+    ``inside`` names the solids in which the source stands, from the outside in: at most seven
+    (four in scenes of more than 510 solids).
+
+    ``polarisation`` is the direction in which light vibrates as far as it lies across the ray; the
+    polarised tracer and crystals heed it, the tracer of natural light does not.
+
+    ``flux`` is that of the file or table where it has one, else 1, unless given; ``flux_unit`` that
+    of the map unless given.
+    """
+
+    model_config = ConfigDict(arbitrary_types_allowed=True)
+
+    kind: Literal["collimated", "lambertian", "point", "ring", "picture", "intensity", "rays"]
+    on: bool = True
+    flux: Positive | None = None
+    flux_unit: Literal["W", "lm"] | None = None
+    share: Positive | None = None
+    spectrum: SourceLight = "white"
+    diameter: Positive | None = None
+    inner_diameter: Annotated[float, Field(ge=0)] = 0.0
+    size: tuple[Positive, Positive] | None = None
+    direction: Vector | None = None
+    aim: Vector | None = None
+    distance: Positive | None = None
+    cone_deg: Annotated[float, Field(gt=0, le=180)] | None = None
+    inside: Names = ()
+    tilt_deg: Annotated[float, Field(gt=-90, lt=90)] = 0.0
+    file: str | None = None
+    intensity: IntensityTable | None = None
+    light: IntensityGrid | RayList | None = None
+    draw: Literal["flux", "in_order"] = "flux"
+    flux_from: Literal["header", "rays"] = "header"
+    scale: Positive | None = None
+    polarisation: Vector | None = None
+
+    @model_serializer(mode="wrap")
+    def _as_ever(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """What only few sources have leaves no trace in the fingerprint of a scene."""
+        given: dict[str, Any] = handler(self)
+        if given.get("polarisation", 0) is None:
+            del given["polarisation"]
+        if given.get("flux_from") == "header":
+            del given["flux_from"]
+        if len(self.inside) < 2 and "inside" in given:
+            given["inside"] = self.inside[0] if self.inside else None
+        return given
+
+    @field_serializer("light")
+    def _fingerprint(self, light: IntensityGrid | RayList | None) -> dict[str, str] | None:
+        return None if light is None else {"name": light.name, "digest": light.digest()}
+
+    def model_post_init(self, context: Any) -> None:
+        super().model_post_init(context)
+        keys = _COMMON | set(_KEYS[self.kind])
+        for name in type(self).model_fields:
+            if name in self.model_fields_set - keys:
+                allowed = ", ".join(_KEYS[self.kind])
+                raise ValueError(f"a {self.kind} source has no {name}; its own keys are {allowed}")
+        self._check_shape()
+        if (self.aim is None) != (self.distance is None):
+            raise ValueError("aim and distance go together")
+        if self.aim is not None and "position" in self.model_fields_set:
+            raise ValueError("give position, or aim and distance")
+        if self.direction is not None and not is_direction(self.direction):
+            raise ValueError("direction must not be the zero vector")
+        if self.direction is not None and (self.axis or self.rotation):
+            raise ValueError("direction already turns the source; drop axis and rotation")
+        if self.kind in ("lambertian", "ring", "picture") and (self.cone_deg or 0.0) > 90.0:
+            raise ValueError(f"cone_deg of a {self.kind} source is at most 90")
+
+    def _check_shape(self) -> None:
+        if self.kind in ("collimated", "lambertian"):
+            if (self.diameter is None) == (self.size is None):
+                raise ValueError("give either diameter (a disc) or size (a rectangle)")
+        elif self.kind == "ring" and self.diameter is None:
+            raise ValueError("a ring source needs a diameter")
+        elif self.kind == "picture" and (self.size is None or self.file is None):
+            raise ValueError("a picture source needs a size and a picture file")
+        elif self.kind == "intensity":
+            if sum(item is not None for item in (self.intensity, self.file, self.light)) != 1:
+                raise ValueError("give one of intensity (a table), file, or light")
+            if self.diameter is not None and self.size is not None:
+                raise ValueError("give diameter (a disc), size (a rectangle), or neither")
+        elif self.kind == "rays" and (self.file is None) == (self.light is None):
+            raise ValueError("give a file of rays (or light, in Python)")
+        if self.diameter is not None and self.inner_diameter > self.diameter:
+            raise ValueError("inner_diameter is larger than diameter")
+
+    def frame(self) -> tuple[Array, Array]:
+        origin, frame = super().frame()
+        if self.direction is not None:
+            _, frame = Placed(axis=self.direction).frame()
+        if self.aim is not None and self.distance is not None:
+            origin = np.array(self.aim) - self.distance * frame[:, 2]
+        return origin, frame
+
+    def measured(self, folder: Any, place: str) -> IntensityGrid | RayList:
+        """The table or list of a source of kind ``intensity`` or ``rays``.
+
+        Raises
+        ------
+        SceneError
+            naming ``place`` where the file or table makes no such source
+        """
+        from tracer.light import read_light
+
+        try:
+            if self.intensity is not None:
+                light: IntensityGrid | RayList = self.intensity.build("intensity")
+            elif self.file is not None:
+                light = read_light(named_file(folder, self.file), flux_from=self.flux_from)
+            else:
+                assert self.light is not None
+                light = self.light
+        except SceneError as error:
+            raise SceneError(f"{place}: {error}") from None
+        if isinstance(light, RayList) != (self.kind == "rays"):
+            other = "rays" if isinstance(light, RayList) else "intensity"
+            raise SceneError(f"{place}.kind: {light.name} makes a source of kind {other!r}")
+        return light
+
+
+def cone_cosine(source: SourceModel) -> float:
+    """Cosine that limits the directions of a source."""
+    widest = 180.0 if source.kind == "point" else 90.0
+    return math.cos(math.radians(source.cone_deg or widest))

@@ -1,0 +1,1 @@
+"""Optical surfaces of a scene: a kind a file."""

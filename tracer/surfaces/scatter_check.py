@@ -1,0 +1,100 @@
+"""Laws of scatter against the specular light that they take their share from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from raymap.model.errors import SceneError
+from tracer.compiled import (
+    B_MEDIUM,
+    DIELECTRIC,
+    F_INSIDE,
+    F_OUTSIDE,
+    F_SURFACE,
+    MIRROR,
+    S_KIND,
+    S_STRIDE,
+    S_TABLE,
+    WORLD,
+    CompiledScene,
+)
+from tracer.optics.abg import scatter_share
+from tracer.surfaces.scattering import specular_share
+
+__all__ = ["check_scatter"]
+
+_LARGEST = 85
+"""Angle up to which the law must be met [deg]: towards 90 degrees nothing is transmitted."""
+
+
+def check_scatter(
+    scene: CompiledScene, surfaces: Sequence[str], channels: Sequence[str], origin: str
+) -> None:
+    """Refuse laws that scatter more than the specular light of the faces that have them.
+
+    A law is the BSDF itself. What it scatters in reflection, TIS(θ) = ∫ BSDF cos θ dΩ about the
+    reflected ray, is taken from the specular reflectance R(θ); in transmission, about the refracted
+    ray, from T(θ). Both must hold at every whole angle up to 85 degrees on either side.
+
+    Parameters
+    ----------
+    scene : faces with the media of the bodies behind and before them
+    surfaces, channels : names, for messages
+    origin : names the scene
+
+    Raises
+    ------
+    SceneError
+        names the surface, the angle, the channel, and both shares
+    """
+    kind, table = scene.surface_i[:, S_KIND], scene.surface_i[:, S_TABLE]
+    lawful = (table >= 0) & np.isin(kind, (MIRROR, DIELECTRIC))
+    if scene.tables is None or not lawful.any():
+        return
+    # The media on both sides of each face, the world's where there is no body
+    media = np.append(scene.body_i[:, B_MEDIUM], scene.limits[WORLD])
+    sides = media[scene.face_i[:, [F_INSIDE, F_OUTSIDE]]]
+    rows = np.column_stack([scene.face_i[:, F_SURFACE], sides])
+    rows = np.unique(rows[lawful[scene.face_i[:, F_SURFACE]]], axis=0)
+    for surface, inside, outside in rows.tolist():
+        for medium, other in ((inside, outside), (outside, inside)):
+            place = f"{origin}: surfaces.{surfaces[surface]}.scatter"
+            _check(scene, surface, medium, other, channels, place)
+
+
+def _check(
+    scene: CompiledScene, surface: int, medium: int, other: int, channels: Sequence[str], place: str
+) -> None:
+    """Check a surface for light in ``medium`` with ``other`` beyond it."""
+    tables = scene.tables
+    assert tables is not None
+    first, stride = scene.surface_i[surface, [S_TABLE, S_STRIDE]].tolist()
+    mirror = scene.surface_i[surface, S_KIND] == MIRROR
+    grazing = math.sin(math.radians(_LARGEST))
+    for k, channel in enumerate(channels):
+        ratio = float(scene.medium_f[medium, k] / scene.medium_f[other, k])
+        for crosses in (False,) if mirror else (False, True):
+            for angle in range(_LARGEST + 1):
+                sine = math.sin(math.radians(angle))
+                beta = sine * ratio if crosses else sine
+                if beta > grazing:
+                    break
+                share = specular_share(
+                    scene.surface_i, scene.surface_f, scene.medium_f, tables, surface, medium,
+                    other, math.cos(math.radians(angle)), crosses, k,
+                )  # fmt: skip
+                scattered = scatter_share(tables, first + k * stride, beta)
+                if scattered > share * (1.0 + 1e-9):
+                    does, what, key = (
+                        ("transmits", "transmission", "transmittance")
+                        if crosses
+                        else ("reflects", "reflection", "reflectance")
+                    )
+                    raise SceneError(
+                        f"{place}: its law scatters {scattered:.4g} of the light in {what} at "
+                        f"{angle} degrees in channel {channel}, where the surface {does} "
+                        f"{share:.4g} in all; lower the law's amplitude, or raise the {key}"
+                    )

@@ -1,0 +1,1 @@
+"""The one wavefront: the next face, the flight, the interaction, the store."""

@@ -1,0 +1,254 @@
+"""Meetings of segments with detectors: planes, faces, far fields, cameras."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from raymap.jit.kernels import inline_kernel, inner_kernel
+from raymap.jit.types import F64, I32, I64
+from raymap.model.events import Event
+from tracer.compiled import (
+    CAMERA,
+    D_CELLS_U,
+    D_CELLS_V,
+    D_VIRTUAL,
+    FAR_FIELD,
+    FLAT_MAP,
+    NO_VIEW,
+    ROUND_MAP,
+    Views,
+)
+from tracer.transport.buffers import (
+    CHAIN,
+    COUNT,
+    D_CELL,
+    D_COSINE,
+    D_DETECTOR,
+    D_PREVIOUS,
+    D_RECORD,
+    D_REGISTERED,
+    D_UV,
+    DESCRIPTORS,
+    EVENT,
+)
+
+__all__ = ["near_planes", "pass_planes", "pass_views", "register_on_face"]
+
+CROSSED = int(Event.DETECTOR_CROSSED)
+REGISTERED = int(Event.DETECTOR_REGISTERED)
+
+
+@inline_kernel
+def near_planes(
+    sphere: F64, x: float, y: float, z: float, dx: float, dy: float, dz: float, t: float
+) -> bool:
+    """Whether the box of a segment and that of all virtual planes overlap."""
+    ex, ey, ez = x + t * dx, y + t * dy, z + t * dz
+    below = (x < sphere[4]) & (ex < sphere[4])
+    below |= (y < sphere[5]) & (ey < sphere[5])
+    below |= (z < sphere[6]) & (ez < sphere[6])
+    above = (x > sphere[7]) & (ex > sphere[7])
+    above |= (y > sphere[8]) & (ey > sphere[8])
+    above |= (z > sphere[9]) & (ez > sphere[9])
+    return not (below | above)
+
+
+@inner_kernel
+def pass_planes(
+    detector_i: I64, detector_f: F64, record: int, x: float, y: float, z: float, dx: float,
+    dy: float, dz: float, t_end: float, reach: float, words: I32, meetings: I32, meeting_t: F64,
+    counters: I64,
+) -> None:  # fmt: skip
+    """Note the virtual planes that a segment crosses, or on which it ends.
+
+    What is within ``reach`` of a plane lies on it: light that meets a face in the plane of a
+    detector is counted as it arrives, and not again as it goes on.
+    """
+    for d in range(len(detector_i)):
+        if detector_i[d, D_VIRTUAL] == 0:
+            continue
+        s = detector_f[d]
+        d_n = dx * s[9] + dy * s[10] + dz * s[11]
+        height = (x - s[0]) * s[9] + (y - s[1]) * s[10] + (z - s[2]) * s[11]
+        if abs(height) <= reach:
+            continue
+        t = -height / d_n
+        if not (t > 0.0 and (t <= t_end or abs(height + t_end * d_n) <= reach)):
+            continue
+        t = min(t, t_end)
+        px, py, pz = x + t * dx - s[0], y + t * dy - s[1], z + t * dz - s[2]
+        p_u = px * s[3] + py * s[4] + pz * s[5]
+        p_v = px * s[6] + py * s[7] + pz * s[8]
+        # Most planes are far off: that takes no division
+        if abs(p_u) > s[12] or abs(p_v) > s[13]:
+            continue
+        u, v = p_u / s[12] + 0.5, p_v / s[13] + 0.5
+        if u < 0.0 or u > 1.0 or v < 0.0 or v > 1.0:
+            continue
+        _describe(
+            detector_i, detector_f, d, record, u, v, -d_n, t, words, meetings, meeting_t, counters
+        )
+
+
+@inline_kernel
+def pass_views(
+    views: Views | None, detector_i: I64, detector_f: F64, record: int, x: float, y: float,
+    z: float, dx: float, dy: float, dz: float, t_end: float, left: bool, words: I32,
+    meetings: I32, meeting_t: F64, counters: I64,
+) -> None:  # fmt: skip
+    """Note the cameras that a segment passes and, where it leaves the scene, the far fields."""
+    if views is not None:
+        _pass_views(
+            views, detector_i, detector_f, record, x, y, z, dx, dy, dz, t_end, left, words,
+            meetings, meeting_t, counters,
+        )  # fmt: skip
+
+
+@inner_kernel
+def _pass_views(
+    views: Views, detector_i: I64, detector_f: F64, record: int, x: float, y: float, z: float,
+    dx: float, dy: float, dz: float, t_end: float, left: bool, words: I32, meetings: I32,
+    meeting_t: F64, counters: I64,
+) -> None:  # fmt: skip
+    kinds, numbers = views.kind, views.numbers
+    for d in range(len(kinds)):
+        kind = kinds[d]
+        if kind != CAMERA and not (left and kind == FAR_FIELD):
+            continue
+        s = numbers[d]
+        d_u = dx * s[3] + dy * s[4] + dz * s[5]
+        d_v = dx * s[6] + dy * s[7] + dz * s[8]
+        d_n = dx * s[9] + dy * s[10] + dz * s[11]
+        if kind == FAR_FIELD:
+            u = math.atan2(d_v, d_u) / (2.0 * math.pi)
+            u = u + 1.0 if u < 0.0 else u
+            gamma = math.atan2(math.sqrt(d_u * d_u + d_v * d_v), d_n)
+            v = (gamma - s[12]) / (s[13] - s[12])
+            if v < 0.0 or v > 1.0:
+                continue
+            _describe(
+                detector_i, detector_f, d, record, u, v, 1.0, t_end, words, meetings, meeting_t,
+                counters,
+            )  # fmt: skip
+            continue
+        # Cross the lens from the front
+        if d_n >= 0.0:
+            continue
+        t = ((s[0] - x) * s[9] + (s[1] - y) * s[10] + (s[2] - z) * s[11]) / d_n
+        if not 0.0 < t <= t_end:
+            continue
+        px, py, pz = x + t * dx - s[0], y + t * dy - s[1], z + t * dz - s[2]
+        if px * px + py * py + pz * pz > s[12] * s[12]:
+            continue
+        # Go back to the plane of focus: the lens images every point there to one place
+        u = (px * s[3] + py * s[4] + pz * s[5]) * s[13] + d_u / d_n
+        v = (px * s[6] + py * s[7] + pz * s[8]) * s[13] + d_v / d_n
+        u = 0.5 + 0.5 * u / s[14]
+        v = 0.5 + 0.5 * v / s[15]
+        if u < 0.0 or u > 1.0 or v < 0.0 or v > 1.0:
+            continue
+        _describe(
+            detector_i, detector_f, d, record, u, v, -d_n, t, words, meetings, meeting_t, counters
+        )
+
+
+@inline_kernel
+def register_on_face(
+    views: Views | None, detector_i: I64, detector_f: F64, detector: int, record: int, x: float,
+    y: float, z: float, dx: float, dy: float, dz: float, t: float, cosine: float, triangle: int,
+    words: I32, meetings: I32, meeting_t: F64, counters: I64,
+) -> int:  # fmt: skip
+    """Register a meeting with the face of a detector; event bits of that point.
+
+    ``cosine`` is that of the ray with the outward normal of the face.
+    """
+    # Two questions, not one: the compiler leaves the branch out where there are no views
+    if views is not None:  # noqa: SIM102
+        if views.kind[detector] != NO_VIEW:
+            _map_on_face(
+                views, detector_i, detector_f, detector, record, x, y, z, t, cosine, triangle,
+                words, meetings, meeting_t, counters,
+            )  # fmt: skip
+            return 0
+    return _register_on_plane(
+        detector_i, detector_f, detector, record, x, y, z, dx, dy, dz, t, words, meetings,
+        meeting_t, counters,
+    )  # fmt: skip
+
+
+@inner_kernel
+def _map_on_face(
+    views: Views, detector_i: I64, detector_f: F64, d: int, record: int, x: float, y: float,
+    z: float, t: float, cosine: float, triangle: int, words: I32, meetings: I32, meeting_t: F64,
+    counters: I64,
+) -> None:  # fmt: skip
+    """Register light that arrives on a face in the map of that face."""
+    s = views.numbers[d]
+    px, py, pz = x - s[0], y - s[1], z - s[2]
+    p_u = px * s[3] + py * s[4] + pz * s[5]
+    p_v = px * s[6] + py * s[7] + pz * s[8]
+    kind = views.kind[d]
+    if kind == FLAT_MAP:
+        u, v = p_u / s[12] + 0.5, p_v / s[13] + 0.5
+    elif kind == ROUND_MAP:
+        u = math.atan2(p_v, p_u) / (2.0 * math.pi)
+        u = u + 1.0 if u < 0.0 else u
+        v = (px * s[9] + py * s[10] + pz * s[11] - s[12]) / (s[13] - s[12])
+    else:
+        cell = triangle - np.int64(s[12])
+        n_u, n_v = detector_i[d, D_CELLS_U], detector_i[d, D_CELLS_V]
+        u, v = (cell % n_u + 0.5) / n_u, (cell // n_u + 0.5) / n_v
+    u, v = min(1.0, max(0.0, u)), min(1.0, max(0.0, v))
+    _describe(
+        detector_i, detector_f, d, record, u, v, -cosine * s[14], t, words, meetings, meeting_t,
+        counters,
+    )  # fmt: skip
+
+
+@inner_kernel
+def _register_on_plane(
+    detector_i: I64, detector_f: F64, detector: int, record: int, x: float, y: float, z: float,
+    dx: float, dy: float, dz: float, t: float, words: I32, meetings: I32, meeting_t: F64,
+    counters: I64,
+) -> int:  # fmt: skip
+    """Register a meeting with a blocking plane; event bits of that point."""
+    s = detector_f[detector]
+    px, py, pz = x - s[0], y - s[1], z - s[2]
+    u = min(1.0, max(0.0, (px * s[3] + py * s[4] + pz * s[5]) / s[12] + 0.5))
+    v = min(1.0, max(0.0, (px * s[6] + py * s[7] + pz * s[8]) / s[13] + 0.5))
+    cosine = -(dx * s[9] + dy * s[10] + dz * s[11])
+    if _describe(
+        detector_i, detector_f, detector, record, u, v, cosine, t, words, meetings, meeting_t,
+        counters,
+    ):  # fmt: skip
+        return REGISTERED
+    return 0
+
+
+@inner_kernel
+def _describe(
+    detector_i: I64, detector_f: F64, detector: int, record: int, u: float, v: float,
+    cosine: float, t: float, words: I32, meetings: I32, meeting_t: F64, counters: I64,
+) -> bool:  # fmt: skip
+    """Write a descriptor and sum it up in the record of its segment; True if it registers."""
+    facing = abs(cosine) if detector_f[detector, 15] > 0.0 else cosine
+    registered = facing > 0.0 and facing >= detector_f[detector, 14]
+    n_u, n_v = detector_i[detector, D_CELLS_U], detector_i[detector, D_CELLS_V]
+    cell_u = min(n_u - 1, np.int64(u * n_u))
+    cell_v = min(n_v - 1, np.int64(v * n_v))
+    k = counters[DESCRIPTORS]
+    meetings[k, D_DETECTOR] = detector
+    meetings[k, D_CELL] = cell_u | (cell_v << 16)
+    meetings[k, D_UV] = np.int64(u * 65535.0 + 0.5) | (np.int64(v * 65535.0 + 0.5) << 16)
+    meetings[k, D_COSINE] = np.int64(math.floor(cosine * 32767.0 + 0.5))
+    meetings[k, D_REGISTERED] = registered
+    meetings[k, D_PREVIOUS] = words[record, CHAIN]
+    meetings[k, D_RECORD] = record
+    meeting_t[k] = t
+    counters[DESCRIPTORS] = k + 1
+    words[record, CHAIN] = k
+    words[record, COUNT] += 1
+    words[record, EVENT] |= CROSSED | (REGISTERED if registered else 0)
+    return registered

@@ -1,0 +1,316 @@
+"""Splitting: one emission becomes several rays, each with a share of its light.
+
+Where a ray splits, the part that turns off is noted (`Twins.direction`, ``outcome``) by the surface
+and becomes a ray of its own once the record of the point is written: it inherits the records of
+the ray before that point and writes its own from there. Rays of a block are numbered as they come
+to be, so a ray stands behind the one that it stems from; their order within an emission does not
+depend on the other emissions of the block.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raymap.jit.kernels import inline_kernel, inner_kernel, lean_kernel
+from raymap.jit.types import F64, I32, I64
+from raymap.model.events import Event
+from tracer.compiled import R_RAYS, R_SPLITS, RareLight
+from tracer.rays.colors import COLORS
+from tracer.rays.random import stream_state
+from tracer.transport.buffers import (
+    CODE,
+    COUNTED,
+    DESCRIPTORS,
+    KEY,
+    LAST,
+    LIVE,
+    MEDIUM,
+    N_RECORDS,
+    NEST,
+    OWN,
+    OWN_BODY,
+    OWN_TRIANGLE,
+    RAY,
+    RAYS,
+    RECORDS,
+    RNG,
+    WEIGHT,
+    Buffers,
+    Workspace,
+    grown,
+    with_more_records,
+)
+
+__all__ = [
+    "Twins",
+    "find_ray_order",
+    "gather_twins",
+    "has_room",
+    "keep_twin",
+    "make_twins",
+    "release_twin",
+    "start_emissions",
+    "twin_code",
+    "twin_event",
+    "widen",
+]
+
+# Entries of Twins.outcome
+T_PENDING, T_EVENT, T_CODE = range(3)
+
+# Rows of Twins.rays: reflections that have split the ray off, its emission in the block, the ray
+# that it stems from (-1 none), records that it has from that one
+LEVEL, EMISSION, PARENT, INHERITED = range(4)
+
+_CHOICE = int(
+    Event.SPECULAR_REFLECTION
+    | Event.SPECULAR_REFRACTION
+    | Event.TIR
+    | Event.GLOSSY_REFLECTION
+    | Event.GLOSSY_TRANSMISSION
+    | Event.DISPERSIVE_SELECT
+    | Event.MEDIUM_CHANGED
+    | Event.SURFACE_ABSORPTION
+    | Event.ROULETTE_KILL
+)
+
+
+Array = TypeVar("Array", bound=NDArray[np.generic])
+
+
+class Twins(NamedTuple):
+    """What splitting keeps beside the buffers of a block.
+
+    direction (4,), outcome (4,) : the part that turns off here, direction and weight, and T_…
+    rays (4, n) : per ray of the block, LEVEL …
+    emitted (block,) : rays of each emission
+    spawned (1,) : rays that came to be in this step, behind the live ones
+    """
+
+    direction: F64
+    outcome: I64
+    rays: I32
+    emitted: I32
+    spawned: I64
+
+
+def make_twins(block: int, rays: int) -> Twins:
+    """Room for blocks of ``block`` emissions, and ``rays`` rays at first."""
+    return Twins(
+        direction=np.zeros(4),
+        outcome=np.zeros(4, np.int64),
+        rays=np.zeros((4, rays), np.int32),
+        emitted=np.zeros(block, np.int32),
+        spawned=np.zeros(1, np.int64),
+    )
+
+
+@lean_kernel
+def start_emissions(twins: Twins, n: int, counters: I64) -> None:
+    """Each of the ``n`` rays just emitted is an emission of its own."""
+    for i in range(n):
+        twins.rays[LEVEL, i] = 0
+        twins.rays[EMISSION, i] = i
+        twins.rays[PARENT, i] = -1
+        twins.rays[INHERITED, i] = 0
+        twins.emitted[i] = 1
+    twins.spawned[0] = 0
+    twins.outcome[T_PENDING] = 0
+    counters[RAYS] = n
+
+
+@inline_kernel
+def keep_twin(rare: RareLight, twins: Twins | None, ray: int) -> bool:
+    """Whether a ray may split: not too often yet, and its emission has not too many rays."""
+    if twins is None:
+        return False
+    if twins.rays[LEVEL, ray] >= rare.settings[R_SPLITS]:
+        return False
+    return bool(twins.emitted[twins.rays[EMISSION, ray]] < rare.settings[R_RAYS])
+
+
+@inline_kernel
+def has_room(twins: Twins | None, b: Buffers, n: int, meetings: int) -> bool:
+    """Whether no buffer can overflow in the next step of ``n`` rays."""
+    if twins is None:
+        return bool(
+            b.counters[RECORDS] + n <= len(b.words)
+            and b.counters[DESCRIPTORS] + n * meetings <= len(b.meeting_t)
+            and b.counters[COLORS] + 4 * n <= len(b.colors)
+        )
+    return bool(
+        b.counters[RECORDS] + 2 * n <= len(b.words)
+        and b.counters[DESCRIPTORS] + n * meetings <= len(b.meeting_t)
+        and b.counters[COLORS] + 8 * n <= len(b.colors)
+        and 2 * n <= b.live_f.shape[1]
+        and b.counters[RAYS] + n <= twins.rays.shape[1]
+    )
+
+
+@inline_kernel
+def twin_event(twins: Twins | None, event: int) -> int:
+    """Event of the part that turned off at a point where the ray has ``event``; 0 none."""
+    if twins is None:
+        return 0
+    if twins.outcome[T_PENDING] == 0:
+        return 0
+    return int((event & ~_CHOICE) | twins.outcome[T_EVENT])
+
+
+@inline_kernel
+def twin_code(twins: Twins | None) -> int:
+    """Colour code of that part."""
+    return 0 if twins is None else int(twins.outcome[T_CODE])
+
+
+@inline_kernel
+def release_twin(
+    twins: Twins | None, b: Buffers, ray: int, r: int, x: float, y: float, z: float, nx: float,
+    ny: float, nz: float, cosine: float, face: int, axis: int, own_body: int, own_triangle: int,
+    nest: int, medium: int, state: np.uint64,
+) -> int:  # fmt: skip
+    """Put the part that turned off behind the live rays; its number in the block."""
+    if twins is None:
+        return 0
+    return _release(
+        twins, b, ray, r, x, y, z, nx, ny, nz, cosine, face, axis, own_body, own_triangle, nest,
+        medium, state,
+    )  # fmt: skip
+
+
+@inner_kernel
+def _release(
+    twins: Twins, b: Buffers, ray: int, r: int, x: float, y: float, z: float, nx: float, ny: float,
+    nz: float, cosine: float, face: int, axis: int, own_body: int, own_triangle: int, nest: int,
+    medium: int, state: np.uint64,
+) -> int:  # fmt: skip
+    live_f, live_i = b.live_f, b.live_i
+    i = b.counters[LIVE] + twins.spawned[0]
+    twins.spawned[0] += 1
+    number = b.counters[RAYS]
+    b.counters[RAYS] = number + 1
+    emission = twins.rays[EMISSION, ray]
+    twins.rays[LEVEL, number] = twins.rays[LEVEL, ray] + 1
+    twins.rays[EMISSION, number] = emission
+    twins.rays[PARENT, number] = ray
+    twins.rays[INHERITED, number] = b.ray_i[N_RECORDS, ray] - 1
+    twins.outcome[T_PENDING] = 0
+    live_f[0, i], live_f[1, i], live_f[2, i] = x, y, z
+    d = twins.direction
+    along = d[0] * nx + d[1] * ny + d[2] * nz
+    if along * cosine > 0.0:
+        # Keep to the side of the triangle from which the light came
+        d[0] -= 2.0 * along * nx
+        d[1] -= 2.0 * along * ny
+        d[2] -= 2.0 * along * nz
+    scale = 1.5 - 0.5 * (d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+    for k in range(3):
+        live_f[3 + k, i] = scale * d[k]
+    live_f[WEIGHT, i] = d[3]
+    live_i[OWN, i], live_i[KEY, i] = face, 2 * face + (1 if d[axis] >= 0.0 else 0)
+    if len(live_i) > OWN_BODY:
+        live_i[OWN_BODY, i], live_i[OWN_TRIANGLE, i] = own_body, own_triangle
+    live_i[NEST, i], live_i[MEDIUM, i] = nest, medium
+    live_i[CODE, i] = twins.outcome[T_CODE]
+    # A stream of its own, keyed by that of the ray and by its number in the emission
+    live_i[RNG, i] = np.int64(stream_state(np.int64(state), twins.emitted[emission]))
+    twins.emitted[emission] += 1
+    live_i[RAY, i], live_i[LAST, i] = number, r
+    b.ray_i[N_RECORDS, number] = b.ray_i[N_RECORDS, ray]
+    return int(number)
+
+
+@inline_kernel
+def gather_twins(twins: Twins | None, b: Buffers, kept: int) -> int:
+    """Move the rays that came to be in this step behind those that go on."""
+    if twins is None:
+        return kept
+    return _gather(twins, b, kept)
+
+
+@inner_kernel
+def _gather(twins: Twins, b: Buffers, kept: int) -> int:
+    first = b.counters[LIVE]
+    for j in range(twins.spawned[0]):
+        for k in range(len(b.live_f)):
+            b.live_f[k, kept] = b.live_f[k, first + j]
+        for k in range(len(b.live_i)):
+            b.live_i[k, kept] = b.live_i[k, first + j]
+        kept += 1
+    twins.spawned[0] = 0
+    return kept
+
+
+@lean_kernel
+def find_ray_order(
+    b: Buffers, twins: Twins, n: int, place: I64, start: I64, ray_of: I64, order: I32
+) -> None:
+    """Where the rays and records of a finished block of ``n`` emissions go.
+
+    Parameters
+    ----------
+    place : (n + 1,) set to the first ray of every emission
+    start : (n_rays + 1,) set to the first record of every ray, in the order of the portion
+    ray_of : (n_rays,) set to the ray of the block at each place
+    order : (n_records,) set to the record of the block at each place
+    """
+    n_rays = b.counters[RAYS]
+    place[0] = 0
+    for e in range(n):
+        place[e + 1] = place[e] + twins.emitted[e]
+    # Rays of an emission stand as they came to be; the oldest ones first
+    for ray in range(n_rays):
+        e = twins.rays[EMISSION, ray]
+        ray_of[place[e]] = ray
+        place[e] += 1
+    for e in range(n, 0, -1):
+        place[e] = place[e - 1]
+    place[0] = 0
+    total = 0
+    for k in range(n_rays):
+        start[ray_of[k]] = total
+        total += b.ray_i[N_RECORDS, ray_of[k]]
+    # Own records of every ray, in the order of time, behind those that it inherits
+    for ray in range(n_rays):
+        b.ray_i[N_RECORDS, ray] = twins.rays[INHERITED, ray]
+    for r in range(b.counters[RECORDS]):
+        ray = b.owners[r] & (COUNTED - 1)
+        order[start[ray] + b.ray_i[N_RECORDS, ray]] = r
+        b.ray_i[N_RECORDS, ray] += 1
+    # An older ray is complete when a younger one inherits from it
+    for ray in range(n_rays):
+        parent = twins.rays[PARENT, ray]
+        for k in range(twins.rays[INHERITED, ray]):
+            order[start[ray] + k] = order[start[parent] + k]
+
+
+def widen(workspace: Workspace, twins: Twins) -> Twins:
+    """Grow what a step of a splitting block could overfill, beyond `Workspace.make_room`."""
+    b = workspace.buffers
+    n, rays = int(b.counters[LIVE]), int(b.counters[RAYS])
+    while b.counters[RECORDS] + 2 * n > len(b.words):
+        b = with_more_records(b)
+    while b.counters[COLORS] + 8 * n > len(b.colors):
+        b = b._replace(colors=grown(b.colors))
+    while 2 * n > b.live_f.shape[1]:
+        b = b._replace(live_f=_wider(b.live_f), live_i=_wider(b.live_i), order=grown(b.order))
+    while rays + n > twins.rays.shape[1]:
+        twins = twins._replace(rays=_wider(twins.rays))
+    if twins.rays.shape[1] > b.ray_i.shape[1]:
+        more = twins.rays.shape[1] - b.ray_i.shape[1]
+        b = b._replace(ray_i=np.pad(b.ray_i, ((0, 0), (0, more))), ray_f=np.pad(b.ray_f, (0, more)))
+    workspace.buffers = b
+    return twins
+
+
+def _wider(array: Array) -> Array:
+    # Compiled code knows one layout of each array
+    layout: Literal["C", "F"] = "C" if array.flags.c_contiguous else "F"
+    larger: Array = np.empty(  # type: ignore[assignment]
+        (array.shape[0], 2 * array.shape[1]), array.dtype, order=layout
+    )
+    larger[:, : array.shape[1]] = array
+    return larger
