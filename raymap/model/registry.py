@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import pkgutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import entry_points
 from typing import Any, TypeVar
 
 from raymap.model.errors import RayMapError
@@ -19,6 +20,13 @@ from raymap.model.names import nearest_names
 __all__ = ["Registry"]
 
 Kind = TypeVar("Kind")
+
+
+@dataclass(frozen=True)
+class _Pending:
+    """A kind that is not imported yet."""
+
+    point: Any
 
 
 class Registry(Mapping[str, Kind]):
@@ -46,7 +54,7 @@ class Registry(Mapping[str, Kind]):
         self.package = package
         self._words = words
         self._of = of
-        self._known: dict[str, Kind | EntryPoint] | None = None
+        self._known: dict[str, Kind | _Pending] | None = None
 
     def kinds(self) -> list[Kind]:
         """Every kind once."""
@@ -56,9 +64,9 @@ class Registry(Mapping[str, Kind]):
         """'; did you mean …' for a word that no kind has."""
         return nearest_names(word, self)
 
-    def _all(self) -> dict[str, Kind | EntryPoint]:
+    def _all(self) -> dict[str, Kind | _Pending]:
         if self._known is None:
-            known: dict[str, Kind | EntryPoint] = {}
+            known: dict[str, Kind | _Pending] = {}
             for place, word, kind in self._found():
                 if word in known:
                     raise RayMapError(
@@ -69,7 +77,7 @@ class Registry(Mapping[str, Kind]):
             self._known = known
         return self._known
 
-    def _found(self) -> Iterator[tuple[str, str, Kind | EntryPoint]]:
+    def _found(self) -> Iterator[tuple[str, str, Kind | _Pending]]:
         if self.package:
             package = import_module(self.package)
             for module in sorted(pkgutil.iter_modules(package.__path__), key=lambda m: m.name):
@@ -78,9 +86,9 @@ class Registry(Mapping[str, Kind]):
                     for word in self._words(kind):
                         yield name, word, kind
         for point in sorted(entry_points(group=self.group), key=lambda point: point.name):
-            yield f"entry point {point.value!r}", point.name, point
+            yield f"entry point {point.value!r}", point.name, _Pending(point)
 
-    def _loaded(self, point: EntryPoint) -> Kind:
+    def _loaded(self, point: Any) -> Kind:
         place = f"entry point {point.value!r} of {self.group}"
         try:
             kind = point.load()
@@ -100,8 +108,8 @@ class Registry(Mapping[str, Kind]):
 
     def __getitem__(self, word: str) -> Kind:
         kind = self._all()[word]
-        if isinstance(kind, EntryPoint):
-            kind = self._loaded(kind)
+        if isinstance(kind, _Pending):
+            kind = self._loaded(kind.point)
             self._all()[word] = kind
         return kind
 
