@@ -61,7 +61,7 @@ class Source(Entry):
     name: Name
     flux: Annotated[float, Field(ge=0)] = 1.0
     kind: PlainText = ""
-    parameters: Parameters = {}
+    parameters: Parameters = Field(default_factory=dict)
 
 
 class Medium(Entry):
@@ -69,7 +69,7 @@ class Medium(Entry):
 
     name: Name
     kind: PlainText = ""
-    parameters: Parameters = {}
+    parameters: Parameters = Field(default_factory=dict)
 
 
 def _always_one(share: Any) -> bool:
@@ -86,7 +86,7 @@ class Surface(Entry):
 
     name: Name
     kind: PlainText = ""
-    parameters: Parameters = {}
+    parameters: Parameters = Field(default_factory=dict)
 
     @property
     def transmits(self) -> bool:
@@ -129,7 +129,7 @@ class Detector(Entry):
     uv_meaning: Literal["crossing", "projection"] = "crossing"
     object: Annotated[int, Field(ge=NONE, le=MAX_INDEX)] = NONE
     """Index of the object of the same name, for blocking and surface detectors."""
-    parameters: Parameters = {}
+    parameters: Parameters = Field(default_factory=dict)
 
 
 class BoundingSphere(Entry):
@@ -271,7 +271,7 @@ class Directory(Entry):
     scene_text: str = ""
     """The scene description as the user wrote it, for people."""
     title: PlainText = ""
-    parameters: Parameters = {}
+    parameters: Parameters = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _check(self) -> Directory:

@@ -85,7 +85,7 @@ class Face(Entry):
     surface: Annotated[int, Field(ge=NONE, le=MAX_INDEX)] = NONE
     aliases: Annotated[tuple[str, ...], FailFast()] = ()
     quadrics: Annotated[tuple[Quadric | None, ...], FailFast()] = ()
-    parameters: Parameters = {}
+    parameters: Parameters = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _check(self) -> Face:
@@ -103,7 +103,7 @@ class SceneObject(Entry):
     name: Name
     kind: PlainText = ""
     faces: Annotated[tuple[Face, ...], FailFast()] = ()
-    parameters: Parameters = {}
+    parameters: Parameters = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _check(self) -> SceneObject:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from tracer.description.fields import Placed
 from tracer.geometry.shapes import Shape
@@ -42,7 +43,7 @@ class Body(Placed):
     medium: str | None = None
     surface: str | None = None
     priority: int = 0
-    faces: dict[str, str] = {}
+    faces: dict[str, str] = Field(default_factory=dict)
 
     def plan(self) -> list[FacePlan]:
         """The faces, with normals that point out of the body."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracer.geometry.kinds import ROW
-from tracer.geometry.shapes import Shape
+from tracer.geometry.shapes import Rectangle, Shape, padded
 
 __all__ = ["ShapeColumns"]
 
@@ -42,13 +42,13 @@ class ShapeColumns:
         """Work out the columns."""
         n = len(shapes)
         row = np.array([shape.row() for shape in shapes]).reshape(n, ROW)
-        boxes = np.array([shape.bounds() for shape in shapes]).reshape(n, 2, 3)
+        low, high = _bounds(shapes)
         return cls(
             shapes=shapes,
             kind=np.array([shape.kind for shape in shapes], np.int64),
             row=row,
-            low=boxes[:, 0],
-            high=boxes[:, 1],
+            low=low,
+            high=high,
             axis=np.argmax(np.abs(row[:, 3:6]), axis=1).astype(np.int64),
         )
 
@@ -58,3 +58,16 @@ class ShapeColumns:
     def of(self, numbers: Iterable[int]) -> list[Shape]:
         """Shapes of some faces."""
         return [self.shapes[k] for k in numbers]
+
+
+def _bounds(shapes: Sequence[Shape]) -> tuple[Array, Array]:
+    """Bounds of each shape; those of rectangles, of which scenes have very many, at once."""
+    n = len(shapes)
+    low, high = np.empty((n, 3)), np.empty((n, 3))
+    flat = [k for k, shape in enumerate(shapes) if isinstance(shape, Rectangle)]
+    if flat:
+        corners = np.array([shapes[k].corners() for k in flat])
+        low[flat], high[flat] = padded(corners.min(axis=1), corners.max(axis=1))
+    for k in sorted(set(range(n)).difference(flat)):
+        low[k], high[k] = shapes[k].bounds()
+    return low, high

@@ -40,6 +40,7 @@ __all__ = [
     "Shape",
     "SphereCap",
     "frame_of",
+    "padded",
     "sag_at",
     "sags_at",
 ]
@@ -52,6 +53,7 @@ SEGMENTS = 48
 """Corners that a circle is drawn with."""
 
 _RINGS = 8
+_TWO_TRIANGLES = np.array([(0, 1, 2), (0, 2, 3)], np.int32)
 _TURN_DEG = 5.0
 
 
@@ -92,8 +94,9 @@ def frame_of(axis: Array) -> Array:
     return np.array([u, _cross(w, u), w])
 
 
-def _padded(low: Array, high: Array) -> Bounds:
-    margin = 1e-9 * (1.0 + max(float(high.max()), -float(low.min())))
+def padded(low: Array, high: Array) -> Bounds:
+    """Boxes (..., 3) a little larger, so that rounding leaves nothing outside."""
+    margin = 1e-9 * (1.0 + np.maximum(high.max(axis=-1), -low.min(axis=-1)))[..., None]
     return low - margin, high + margin
 
 
@@ -101,7 +104,7 @@ def _ring_bounds(centers: list[Array], radii: list[float], axis: Array) -> Bound
     """Box around circles across ``axis``."""
     reach = np.sqrt(np.maximum(0.0, 1.0 - axis * axis))
     middle, extent = np.array(centers), np.array(radii)[:, None] * reach
-    return _padded((middle - extent).min(axis=0), (middle + extent).max(axis=0))
+    return padded((middle - extent).min(axis=0), (middle + extent).max(axis=0))
 
 
 def _revolve(
@@ -155,7 +158,7 @@ def _rings(segments: int) -> int:
 
 
 def _solve_axis(direction: Array) -> int:
-    x, y, z = (abs(c) for c in direction.tolist())
+    x, y, z = map(abs, direction.tolist())
     return 0 if x >= max(y, z) else 1 if y >= z else 2
 
 
@@ -248,18 +251,29 @@ class Rectangle:
 
     @cached_property
     def _corners(self) -> Array:
-        u, v = self.u * self.size[0] / 2.0, self.v * self.size[1] / 2.0
-        return np.asarray(self.origin + np.array([-u - v, u - v, u + v, v - u]))
+        # In plain numbers: a scene of boxes has six for each, and small arrays cost much more
+        halves = [
+            (o, u * self.size[0] / 2.0, v * self.size[1] / 2.0)
+            for o, u, v in zip(self.origin.tolist(), self.u.tolist(), self.v.tolist(), strict=True)
+        ]
+        return np.array(
+            [
+                [o + (-u - v) for o, u, v in halves],
+                [o + (u - v) for o, u, v in halves],
+                [o + (u + v) for o, u, v in halves],
+                [o + (v - u) for o, u, v in halves],
+            ]
+        )
 
     def bounds(self) -> Bounds:
         corners = self.corners()
-        return _padded(corners.min(axis=0), corners.max(axis=0))
+        return padded(corners.min(axis=0), corners.max(axis=0))
 
     def quadric(self) -> Quadric | None:
         return _plane_quadric(self.origin, self.normal)
 
     def mesh(self, segments: int = SEGMENTS) -> Mesh:
-        return self.corners(), np.array([(0, 1, 2), (0, 2, 3)], np.int32)
+        return self.corners(), _TWO_TRIANGLES
 
 
 @dataclass(frozen=True, eq=False)
@@ -288,7 +302,7 @@ class Polygon:
         return s
 
     def bounds(self) -> Bounds:
-        return _padded(self.vertices.min(axis=0), self.vertices.max(axis=0))
+        return padded(self.vertices.min(axis=0), self.vertices.max(axis=0))
 
     def quadric(self) -> Quadric | None:
         return _plane_quadric(self.vertices[0], self.normal)
@@ -322,7 +336,7 @@ class SphereCap:
     def bounds(self) -> Bounds:
         center = self.vertex + self.radius * self.axis
         if self.sag >= self.radius:
-            return _padded(center - self.radius, center + self.radius)
+            return padded(center - self.radius, center + self.radius)
         edge = math.sqrt(self.sag * (2.0 * self.radius - self.sag))
         low, high = _ring_bounds(
             [self.vertex, self.vertex + self.sag * self.axis], [0.0, edge], self.axis
@@ -333,7 +347,7 @@ class SphereCap:
                 if (1.0 + sign * self.axis[k]) * self.radius <= self.sag:
                     reach = center[k] + sign * self.radius
                     low[k], high[k] = min(low[k], reach), max(high[k], reach)
-        return _padded(low, high)
+        return padded(low, high)
 
     def quadric(self) -> Quadric | None:
         return _quadric_about(

@@ -236,6 +236,8 @@ class _Compiler:
 
     def _rare_light(self) -> RareLight | None:
         """What the weighted mode does differently, with the shapes that light is aimed at."""
+        if self.scene.trace.mode == "analog":
+            return None
         planes = {
             name: (self.detectors.plane(model), model.both_sides)
             for name, model in self.scene.detectors.items()

@@ -286,19 +286,15 @@ def _segments(bodies: int) -> int:
 
 
 def _mesh(plans: list[FacePlan], segments: int) -> DisplayMesh:
-    vertices, triangles, faces = [], [], []
-    base = 0
-    for number, plan in enumerate(plans):
-        for shape in plan.shapes:
-            points, corners = shape.mesh(segments)
-            vertices.append(points)
-            triangles.append(corners + base)
-            faces.append(np.full(len(corners), number))
-            base += len(points)
+    meshes = [shape.mesh(segments) for plan in plans for shape in plan.shapes]
+    numbers = [number for number, plan in enumerate(plans) for _ in plan.shapes]
+    bases = np.cumsum([0, *(len(points) for points, _ in meshes[:-1])])
+    counts = [len(corners) for _, corners in meshes]
+    triangles = np.concatenate([corners for _, corners in meshes])
     return DisplayMesh(
-        vertices=np.concatenate(vertices).astype(np.float32),
-        triangles=np.concatenate(triangles).astype(np.int32),
-        face=np.concatenate(faces).astype(np.int32),
+        vertices=np.concatenate([points for points, _ in meshes]).astype(np.float32),
+        triangles=(triangles + np.repeat(bases, counts)[:, None]).astype(np.int32),
+        face=np.repeat(np.array(numbers, np.int32), counts),
     )
 
 

@@ -92,8 +92,8 @@ def compile_rare_light(
     faces: Mapping[str, Sequence[Shape]],
     detectors: Mapping[str, tuple[Rectangle, bool]],
     origin: str,
-) -> RareLight | None:
-    """Settings and targets for the engine, None in the analog mode.
+) -> RareLight:
+    """Settings and targets of the weighted mode for the engine.
 
     Parameters
     ----------
@@ -106,8 +106,6 @@ def compile_rare_light(
     SceneError
         a name that nothing carries
     """
-    if model.mode == "analog":
-        return None
     targets: list[Array] = []
     for pattern in model.aim:
         wanted = Wildcard(pattern, escapes=False)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.jit.compiling import compile_ahead
 from raymap.model.errors import SceneError
 from raymap.model.events import Event
 from raymap.model.portion import Portion
@@ -55,6 +56,7 @@ def check_sources(
         return
     if engine is None:
         engine = Wavefront(compilation.arrays, seed, meshes=compilation.solids, weighted=True)
+        compile_ahead(engine.tasks(), processes=2)
     portion = engine.trace(0, max(16, _RAYS // engine.fan))
     wrong, leaving = _wrong_starts(portion)
     for k, (name, model) in enumerate(compilation.scene.sources.items()):
