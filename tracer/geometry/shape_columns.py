@@ -64,9 +64,10 @@ def _bounds(shapes: Sequence[Shape]) -> tuple[Array, Array]:
     """Bounds of each shape; those of rectangles, of which scenes have very many, at once."""
     n = len(shapes)
     low, high = np.empty((n, 3)), np.empty((n, 3))
-    flat = [k for k, shape in enumerate(shapes) if isinstance(shape, Rectangle)]
+    rectangles = {k: shape for k, shape in enumerate(shapes) if isinstance(shape, Rectangle)}
+    flat = list(rectangles)
     if flat:
-        corners = np.array([shapes[k].corners() for k in flat])
+        corners = np.array([shape.corners() for shape in rectangles.values()])
         low[flat], high[flat] = padded(corners.min(axis=1), corners.max(axis=1))
     for k in sorted(set(range(n)).difference(flat)):
         low[k], high[k] = shapes[k].bounds()
