@@ -9,32 +9,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from query.expression.builders import (
-    all_,
-    angle_of_polarisation,
-    as_criterion,
-    bounces,
-    count,
-    crossed,
-    degree_of_polarisation,
-    detected,
-    ellipse,
-    event,
-    flux,
-    hit,
-    incidence,
-    last,
-    length,
-    medium,
-    optical_length,
-    optical_path,
-    parameter,
-    path,
-    rect,
-    source,
-    wavelength,
-)
-from query.expression.criteria import Criterion
+from query.expression.criterion import Criterion
+from query.expression.spellings import as_criterion
 from raymap.model.events import Event
 
 if TYPE_CHECKING:
@@ -53,6 +29,24 @@ if TYPE_CHECKING:
     from query.answers.selector import select, select_many
     from query.answers.sweeps import SweepRow, sweep
     from query.answers.tables import PathRow, PathTable, path_table
+    from query.atoms.angle_of_polarisation import angle_of_polarisation
+    from query.atoms.bounces import bounces
+    from query.atoms.count import count
+    from query.atoms.crossed import crossed
+    from query.atoms.degree_of_polarisation import degree_of_polarisation
+    from query.atoms.detected import detected, ellipse, rect
+    from query.atoms.event import all_, event
+    from query.atoms.flux import flux
+    from query.atoms.hit import hit, parameter
+    from query.atoms.incidence import incidence
+    from query.atoms.last import last
+    from query.atoms.length import length
+    from query.atoms.medium import medium
+    from query.atoms.optical_length import optical_length
+    from query.atoms.optical_path import optical_path
+    from query.atoms.path import path
+    from query.atoms.source import source
+    from query.atoms.wavelength import wavelength
     from query.engine.scan import Progress
     from query.expression.grammar import parse
     from query.expression.json_form import from_json
@@ -70,23 +64,45 @@ _LAZY = {
     "Progress": "query.engine.scan",
     "Selection": "query.answers.selection",
     "SweepRow": "query.answers.sweeps",
+    "all_": "query.atoms.event",
+    "angle_of_polarisation": "query.atoms.angle_of_polarisation",
     "audit": "query.answers.energy",
+    "bounces": "query.atoms.bounces",
     "compare": "query.answers.comparison",
+    "count": "query.atoms.count",
+    "crossed": "query.atoms.crossed",
+    "degree_of_polarisation": "query.atoms.degree_of_polarisation",
+    "detected": "query.atoms.detected",
     "detector_image": "query.answers.images",
     "detector_images": "query.answers.images",
+    "ellipse": "query.atoms.detected",
+    "event": "query.atoms.event",
     "explain": "query.answers.explanation",
+    "flux": "query.atoms.flux",
     "from_json": "query.expression.json_form",
     "ghost_matrix": "query.answers.ghosts",
     "ghost_table": "query.answers.ghosts",
+    "hit": "query.atoms.hit",
     "illuminated": "query.answers.illumination",
+    "incidence": "query.atoms.incidence",
+    "last": "query.atoms.last",
+    "length": "query.atoms.length",
+    "medium": "query.atoms.medium",
+    "optical_length": "query.atoms.optical_length",
+    "optical_path": "query.atoms.optical_path",
+    "parameter": "query.atoms.hit",
     "parse": "query.expression.grammar",
+    "path": "query.atoms.path",
     "path_table": "query.answers.tables",
     "rays_at": "query.answers.rays_at_place",
+    "rect": "query.atoms.detected",
     "report": "query.answers.ray_report",
     "select": "query.answers.selector",
     "select_many": "query.answers.selector",
+    "source": "query.atoms.source",
     "sweep": "query.answers.sweeps",
     "translate": "query.answers.filter_strings",
+    "wavelength": "query.atoms.wavelength",
     "write_image": "query.answers.image_files",
     "write_ray_file": "query.answers.rays_at_place",
 }

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 from query.answers.reasons import reason_for_nothing
 from query.engine.bind import Binder
-from query.engine.bound import BoundEverything, BoundNode
+from query.engine.bound import BoundNode
+from query.engine.logic import BoundEverything
 from query.engine.scan import Cancel, Scan, map_facts
 from query.engine.second_try import asked_again
-from query.expression import criteria as c
-from query.expression.builders import as_criterion
+from query.expression.criterion import Criterion
+from query.expression.spellings import as_criterion
 
 if TYPE_CHECKING:
     from raymap.file.reader import RayMap
@@ -26,9 +27,8 @@ _COLUMNS = {
     "position": "position",
     "normal": "normal",
     "weight": "weight",
-    "stokes": "x:stokes",
-    "optical_path": "x:optical_path",
 }
+"""Columns of the streams that nodes ask for; any other is an optional column."""
 
 
 @dataclass(frozen=True)
@@ -102,25 +102,12 @@ class Explanation:
         return "\n".join(lines)
 
 
-def _parts(node: c.Criterion, depth: int = 0) -> list[tuple[c.Criterion, int]]:
+def _parts(node: Criterion, depth: int = 0) -> list[tuple[Criterion, int]]:
     """The criterion and its parts that can be asked of a ray, from the whole down."""
     found = [(node, depth)]
-    for child in _children(node):
+    for child in node.children:
         found += _parts(child, depth + 1)
     return found
-
-
-def _children(node: c.Criterion) -> tuple[c.Criterion, ...]:
-    if isinstance(node, c.Not):
-        return (node.arg,)
-    if isinstance(node, c.And | c.Or | c.Xor | c.Then | c.All):
-        return node.args
-    if isinstance(node, c.Last):
-        return (node.point,)
-    if isinstance(node, c.Compare):
-        point = getattr(node.quantity, "point", None)
-        return () if point is None else (point,)
-    return ()
 
 
 @asked_again
@@ -135,7 +122,7 @@ def explain(
     node = as_criterion(criterion)
     binder = Binder(map_facts(map))
     text = criterion if isinstance(criterion, str) else None
-    parts: list[tuple[c.Criterion, int]] = [] if node is None else _parts(node)
+    parts: list[tuple[Criterion, int]] = [] if node is None else _parts(node)
     bound: list[BoundNode] = [BoundEverything()]
     if node is not None:
         binder.bind(node, text)
@@ -172,7 +159,7 @@ def _stream_bytes(map: RayMap, portions: list[int], node: BoundNode) -> dict[str
     if not portions:
         return {}
     wanted = {"path_numbers": "path_numbers"} | {
-        name: _COLUMNS[name] for name in sorted(node.streams)
+        name: _COLUMNS.get(name, f"x:{name}") for name in sorted(node.streams)
     }
     return {
         name: sum(map.portions[index].stream_bytes(column) for index in portions)

@@ -25,8 +25,15 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from query.expression import criteria as c
-from query.expression.builders import count, event, hit, last, path, source, wavelength
+from query.atoms.count import count
+from query.atoms.event import event
+from query.atoms.hit import Hit, hit
+from query.atoms.last import last
+from query.atoms.path import path
+from query.atoms.source import source
+from query.atoms.wavelength import wavelength
+from query.expression.atom import Compare
+from query.expression.criterion import And, Criterion, Or, Xor
 from query.expression.grammar import mark, parse
 from query.expression.names import PATH_SPECIAL, escape
 from raymap.model.directory import Directory
@@ -47,7 +54,7 @@ _REFUSED = {
 _MAX_DEPTH = 60
 
 
-def translate(text: str, map: RayMap | Directory) -> c.Criterion:
+def translate(text: str, map: RayMap | Directory) -> Criterion:
     """A filter string as a criterion.
 
     Parameters
@@ -91,23 +98,23 @@ class _Translator:
         self.place = match.end()
         return True
 
-    def whole(self) -> c.Criterion:
+    def whole(self) -> Criterion:
         result = self.level(0)
         if self.peek() is not None:
             raise self.fail("this closes nothing", self.place, self.place + 1)
         return result
 
-    def level(self, rank: int) -> c.Criterion:
+    def level(self, rank: int) -> Criterion:
         """Operators of one rank and everything that binds more tightly."""
         if rank == 3:
             return self.unary()
-        symbol, kind = (("|", c.Or), ("^", c.Xor), ("&", c.And))[rank]
+        symbol, kind = (("|", Or), ("^", Xor), ("&", And))[rank]
         args = [self.level(rank + 1)]
         while self.take(symbol):
             args.append(self.level(rank + 1))
         return args[0] if len(args) == 1 else kind(tuple(args))
 
-    def unary(self) -> c.Criterion:
+    def unary(self) -> Criterion:
         self.depth += 1
         if self.depth > _MAX_DEPTH:
             raise self.fail(f"deeper than {_MAX_DEPTH}", self.place, self.place + 1)
@@ -124,7 +131,7 @@ class _Translator:
         finally:
             self.depth -= 1
 
-    def flag(self) -> c.Criterion:
+    def flag(self) -> Criterion:
         match = self.peek()
         if match is None:
             raise self.fail("the filter ends too early", len(self.text), len(self.text) + 1)
@@ -141,7 +148,7 @@ class _Translator:
             raise self.fail(str(error).split("\n")[0], start, match.end()) from None
         raise self.fail(f"expected a flag, found {match.group(6)!r}", start, match.end())
 
-    def letter(self, letter: str, number: int) -> c.Criterion:
+    def letter(self, letter: str, number: int) -> Criterion:
         if letter in _REFUSED:
             raise CriterionError(f"{letter}{number} cannot be translated: {_REFUSED[letter]}")
         if letter == "O":
@@ -169,10 +176,10 @@ class _Translator:
         if letter == "L":
             return last(hit(name))
         if letter in words:
-            return c.Hit((name,), (), ((words[letter],),))
+            return Hit((name,), (), ((words[letter],),))
         raise CriterionError(f"{letter}{number} cannot be translated: unknown flag")
 
-    def function(self, name: str, text: str) -> c.Criterion:
+    def function(self, name: str, text: str) -> Criterion:
         pieces = [piece.strip() for piece in text.split(",")]
         wanted = {"X_HITFACE": 2, "X_HITFACE2": 3, "X_GHOST": 2}
         if name not in wanted:
@@ -182,9 +189,9 @@ class _Translator:
             raise CriterionError(f"{name} takes {wanted[name]} whole numbers, found ({text})")
         numbers = [int(piece) for piece in pieces]
         if name == "X_GHOST":
-            ghost = c.Hit((self.object(numbers[0]),), (), (("specular_reflection",),))
+            ghost = Hit((self.object(numbers[0]),), (), (("specular_reflection",),))
             return count(ghost) == numbers[1]  # type: ignore[no-any-return]
-        face = c.Hit(self.faces(numbers[0], numbers[1]))
+        face = Hit(self.faces(numbers[0], numbers[1]))
         if name == "X_HITFACE":
             return face
         return count(face) == numbers[2]  # type: ignore[no-any-return]
@@ -217,16 +224,16 @@ class _Translator:
             )
         return tuple(f"{pattern}.{escape(name)}" for name in chosen)
 
-    def channel(self, number: int) -> c.Criterion:
+    def channel(self, number: int) -> Criterion:
         sets = [] if self.map is None else self.map.channel_sets
         if not sets:
             raise CriterionError(f"W{number} needs an open map, whose channels it counts")
         waves = sets[0].wavelengths_nm
         if not 1 <= number <= len(waves):
             raise CriterionError(f"there is no channel {number}: the map has {len(waves)}")
-        return c.Compare(wavelength, "==", waves[number - 1], "nm")
+        return Compare(wavelength, "==", waves[number - 1], "nm")
 
-    def path_number(self, number: int) -> c.Criterion:
+    def path_number(self, number: int) -> Criterion:
         if self.map is None:
             raise CriterionError(f"_{number} needs an open map, whose path table it counts")
         from query.answers.tables import path_table

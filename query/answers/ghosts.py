@@ -10,12 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from query.answers.path_sums import LabelSums, PathLabels, sum_over_paths
+from query.atoms.count import count
+from query.atoms.detected import detected
+from query.atoms.event import event
+from query.atoms.hit import hit, parameter
 from query.engine.context import PathContext
 from query.engine.scan import Cancel, Scan
 from query.engine.scans import count_of_ray
 from query.engine.tally import Tally, source_factors, sums, variances
-from query.expression import criteria as c
-from query.expression.builders import as_criterion, count, detected, event, hit, parameter
+from query.expression.atom import Compare
+from query.expression.criterion import And, Criterion
+from query.expression.spellings import as_criterion
 from raymap.model.doubt import FOOTNOTE, is_doubtful, marked, with_doubts
 from raymap.model.errors import CriterionError
 from raymap.model.events import Event
@@ -38,8 +43,8 @@ ghost_reflections = count(hit("*", "specular_reflection") & ~hit(parameter("tran
 """Specular reflections where light may pass, too: a mirror, and total reflection, do not count."""
 
 
-def _ghosts(reflections: int) -> c.Criterion:
-    return c.And((c.Compare(ghost_reflections, "==", reflections), ~event("scattered")))
+def _ghosts(reflections: int) -> Criterion:
+    return And((Compare(ghost_reflections, "==", reflections), ~event("scattered")))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -114,7 +119,7 @@ class GhostTable:
 def _sequence(faces: tuple[str, ...]) -> str:
     """The criterion of ghosts that these faces reflect in this order."""
     from query.expression.names import escape as literal
-    from query.expression.printer import quoted
+    from query.expression.words import quoted
 
     def name(face: str) -> str:
         owner, dot, own = face.rpartition(".")
@@ -269,15 +274,15 @@ def ghost_table(
     map.need_rays()
     if reflections < 1:
         raise CriterionError(f"a ghost has 1 or more reflections, not {reflections}")
-    asked: list[c.Criterion] = [] if detector is None else [detected(detector)]
+    asked: list[Criterion] = [] if detector is None else [detected(detector)]
     own = as_criterion(criterion)
     if own is not None:
         asked.append(own)
 
-    def among(which: c.Criterion) -> tuple[list[LabelSums], Scan]:
+    def among(which: Criterion) -> tuple[list[LabelSums], Scan]:
         return sum_over_paths(
             map,
-            c.And((which, *asked)) if asked else which,
+            And((which, *asked)) if asked else which,
             lambda base, rays: _reflecting(base, rays, counted, n_faces, reflections),
             threads=threads,
             cancel=cancel,

@@ -14,11 +14,12 @@ from query.answers.reasons import reason_for_nothing
 from query.answers.selection import Selection
 from query.answers.sharded import scan_shards, worth_spreading
 from query.engine.bind import Binder
-from query.engine.bound import BoundEverything, BoundNode
+from query.engine.bound import BoundNode
+from query.engine.logic import BoundEverything
 from query.engine.scan import Cancel, Progress, Scan, map_facts
 from query.engine.second_try import asked_again
 from query.engine.tally import Tally
-from query.expression.builders import as_criterion
+from query.expression.spellings import as_criterion
 from raymap.model.errors import CriterionError
 from raymap.optics.photometry import ray_weights
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from query.engine.scan import Cancel, Progress, Scan
 from query.engine.tally import Tally
-from query.expression.builders import as_criterion
+from query.expression.spellings import as_criterion
 from raymap.bytes.address import Address
 from raymap.model.errors import NotARayMap, RayMapError
 from raymap.remote.cluster import gather

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from query.answers.selector import select
+from query.atoms.detected import detected
 from query.engine.scan import Cancel
 from query.engine.tally import source_factors, variances
-from query.expression import criteria as c
-from query.expression.builders import as_criterion, detected
+from query.expression.criterion import Criterion
+from query.expression.spellings import as_criterion
 from raymap.model.doubt import with_doubts
 from raymap.model.units import METRES, length_scale
 
@@ -68,7 +69,7 @@ def sweep(
     UnknownName, CriterionError
     """
     own = as_criterion(criterion)
-    whole: c.Criterion = detected(detector)
+    whole: Criterion = detected(detector)
     if own is not None:
         whole = whole & own
     found = select(map, whole, rays=False, threads=threads, cancel=cancel)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from query.answers.selector import bind_all
+from query.engine.bound import evaluate
 from query.engine.context import PathContext
-from query.engine.evaluate import evaluate
 from raymap.encoding.paths import PathDictionary
 
 if TYPE_CHECKING:

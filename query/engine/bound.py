@@ -1,47 +1,37 @@
 """Bound criteria: names resolved to tables over indices, units to the map's units.
 
-A bound node says which streams it needs beyond the path (`streams`); an empty set means that the
-path alone decides it.
+A bound node answers for every ray of a context, as a Kleene pair: on path dictionaries columns
+beyond the path are unknown, on rays with their streams the pair is exact. It says which streams it
+needs beyond the path (`streams`); an empty set means that the path alone decides it. Point
+conditions also answer for every point, meetings with detectors for every meeting.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from query.engine.path_machine import PathMachine
-from query.expression.names import ObjectMatch
+from query.engine.context import Context, RayContext
+from query.engine.kleene import Bools, Pair, apply, exactly, gather
+from query.engine.scans import any_of_ray
+from query.engine.surface_parameters import COMPARISONS
 
 __all__ = [
-    "BoundAll",
-    "BoundBounces",
-    "BoundCount",
-    "BoundDetected",
-    "BoundEverything",
-    "BoundFlux",
-    "BoundHit",
-    "BoundIncidence",
-    "BoundLast",
-    "BoundLength",
-    "BoundLogic",
-    "BoundMedium",
+    "BoundCompare",
+    "BoundMeeting",
     "BoundNode",
-    "BoundPath",
-    "BoundRecorded",
-    "BoundRegion",
-    "BoundSource",
-    "BoundThen",
-    "BoundWavelength",
-    "EventMasks",
+    "BoundPoint",
+    "BoundValue",
+    "at_points",
+    "compare",
+    "evaluate",
+    "some_point",
+    "unknown",
 ]
-
-Bools = NDArray[np.bool_]
-
-EventMasks = tuple[tuple[int, ...], ...]
-"""Alternatives of events; in each, every mask must have a bit set at the point."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -61,204 +51,112 @@ class BoundNode:
         return own.union(*(child.streams for child in self.children))
 
     def own_streams(self) -> tuple[str, ...]:
+        """Streams of its own: "position", "normal", "color", "weight", "triangle", "descriptors",
+        or the name of an optional column."""
         return ()
 
+    def on_rays(self, context: Context) -> Pair:
+        """Truth for every ray; `evaluate` remembers it."""
+        raise NotImplementedError
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class BoundEverything(BoundNode):
-    """Every ray: what no criterion at all asks for."""
+    def never(self, map: Any) -> str | None:
+        """Why no ray of an open map can satisfy it, where that needs no ray to be looked at."""
+        return None
 
+    def wider(self) -> tuple[BoundNode, str] | None:
+        """A condition that demands less, and what is said where its rays are not enough.
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class BoundSource(BoundNode):
-    """``table`` : (n_sources,) bool."""
-
-    table: Bools
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class BoundHit(BoundNode):
-    """Point condition on object, face, primitive and events.
-
-    Attributes
-    ----------
-    any_place : no condition on object and face (`event`), not even that there is one
-    places : alternatives; without triangles they are merged into one
-    events : alternatives of events; empty: whatever happened
-    """
-
-    any_place: bool = False
-    places: tuple[ObjectMatch, ...] = ()
-    events: EventMasks = ()
-
-    def own_streams(self) -> tuple[str, ...]:
-        return ("triangle",) if any(place.triangle >= 0 for place in self.places) else ()
+        The text stands behind the number of rays that satisfy the wider one.
+        """
+        return None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class BoundLogic(BoundNode):
-    """``operator`` not, and, or, xor over points or rays, wherever it stands."""
+class BoundPoint(BoundNode):
+    """A point condition; of a ray it asks for some point."""
 
-    operator: str
-    args: tuple[BoundNode, ...]
-    is_point: bool
+    def on_points(self, context: Context) -> Pair:
+        """Truth for every point; `at_points` remembers it."""
+        raise NotImplementedError
 
-    @property
-    def children(self) -> tuple[BoundNode, ...]:
-        return self.args
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class BoundAll(BoundNode):
-    """Point conditions at one point; without any, every point."""
-
-    args: tuple[BoundNode, ...]
-
-    @property
-    def children(self) -> tuple[BoundNode, ...]:
-        return self.args
+    def on_rays(self, context: Context) -> Pair:
+        return some_point(context, self)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class BoundRegion:
-    """A region of one detector in cells: ``rect`` half-open, ``ellipse`` closed."""
+class BoundMeeting(BoundNode):
+    """Speaks of meetings of segments with detectors; of a ray it asks for some meeting."""
 
-    shape: str
-    numbers: tuple[float, float, float, float]
-    cells: tuple[int, int]
+    def on_meetings(self, context: Context) -> Pair:
+        """Truth for every meeting."""
+        raise NotImplementedError
 
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class BoundDetected(BoundNode):
-    """``table`` : (n_detectors + 1,) bool; ``regions`` per detector index, empty: anywhere."""
-
-    table: Bools
-    registered: bool
-    regions: dict[int, tuple[BoundRegion, ...]]
-
-    def own_streams(self) -> tuple[str, ...]:
-        return ("descriptors",) if self.regions else ()
+    def on_rays(self, context: Context) -> Pair:
+        offsets = context.ray_meeting_offsets
+        return apply(self.on_meetings(context), lambda mask: any_of_ray(mask, offsets))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class BoundMedium(BoundNode):
-    """``table`` : (n_media + 1,) bool."""
+class BoundCompare(BoundNode):
+    """A number of the ray compared with ``value``, in the unit of the map."""
 
-    table: Bools
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class BoundLast(BoundNode):
-    point: BoundNode
-
-    @property
-    def children(self) -> tuple[BoundNode, ...]:
-        return (self.point,)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class BoundThen(BoundNode):
-    args: tuple[BoundNode, ...]
-
-    @property
-    def children(self) -> tuple[BoundNode, ...]:
-        return self.args
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class BoundPath(BoundNode):
-    machine: PathMachine
-
-    def own_streams(self) -> tuple[str, ...]:
-        return ("triangle",) if self.machine.needs_triangles else ()
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _BoundCompare(BoundNode):
     operator: str
     value: float
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class BoundCount(_BoundCompare):
-    point: BoundNode
+class BoundValue(BoundCompare):
+    """A number that is computed from streams: unknown on paths, exact on rays."""
 
-    @property
-    def children(self) -> tuple[BoundNode, ...]:
-        return (self.point,)
+    def values(self, context: RayContext) -> NDArray[Any]:
+        """(n_rays,) the number of each ray; NaN where it is undefined."""
+        raise NotImplementedError
 
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class BoundBounces(_BoundCompare):
-    pass
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class BoundFlux(_BoundCompare):
-    """The flux of a ray at its end.
-
-    ``per_weight`` : (n_sources,) flux of a ray of weight 1; ``weighted``: weights are stored;
-    ``worth_by_color``: it depends on the colour, too.
-    """
-
-    per_weight: NDArray[np.float64]
-    weighted: bool
-    worth_by_color: bool
-
-    def own_streams(self) -> tuple[str, ...]:
-        return ("weight",) * self.weighted + ("color",) * self.worth_by_color
+    def on_rays(self, context: Context) -> Pair:
+        if not isinstance(context, RayContext):
+            return unknown(context)
+        return exactly(compare(self.operator, self.values(context), self.value))
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class BoundWavelength(_BoundCompare):
-    """``possible``: some channel of the map satisfies it."""
-
-    possible: bool
-
-    def own_streams(self) -> tuple[str, ...]:
-        return ("color",) if self.possible else ()
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class BoundLength(_BoundCompare):
-    """``optical`` weighs each segment with the refractive index of its medium."""
-
-    optical: bool
-
-    def own_streams(self) -> tuple[str, ...]:
-        return ("position", "color") if self.optical else ("position",)
+def evaluate(context: Context, node: BoundNode) -> Pair:
+    """Truth of a criterion for every ray of the context."""
+    known = context.ray_results.get(node)
+    if known is None:
+        if isinstance(context, RayContext) and not node.streams:
+            # The path decides: no need to look at the ray
+            known = gather(evaluate(context.base, node), context.path)
+        else:
+            known = node.on_rays(context)
+        context.ray_results[node] = known
+    return known
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class BoundIncidence(_BoundCompare):
-    point: BoundNode
+def at_points(context: Context, node: BoundNode) -> Pair:
+    """Truth of a point condition at every point of the context."""
+    known = context.point_results.get(node)
+    if known is None:
+        if isinstance(context, RayContext) and not node.streams:
+            known = gather(at_points(context.base, node), context.rows)
+        else:
+            assert isinstance(node, BoundPoint)
+            known = node.on_points(context)
+        context.point_results[node] = known
+    return known
 
-    @property
-    def children(self) -> tuple[BoundNode, ...]:
-        return (self.point,)
 
-    def own_streams(self) -> tuple[str, ...]:
-        return ("position", "normal")
+def some_point(context: Context, node: BoundNode) -> Pair:
+    """A point condition asked of a ray: at some point."""
+    return apply(at_points(context, node), lambda mask: any_of_ray(mask, context.offsets))
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class BoundRecorded(_BoundCompare):
-    """A quantity from the optional ``column`` of the map.
+def unknown(context: Context) -> Pair:
+    """Possible for every ray, certain for none."""
+    return Pair(np.zeros(context.n_rays, np.bool_), np.ones(context.n_rays, np.bool_))
 
-    Attributes
-    ----------
-    word : which quantity; ``point`` : where, None for the end of the ray
-    stored : some portion has the column
-    """
 
-    word: str
-    column: str
-    stored: bool
-    point: BoundNode | None = None
-
-    @property
-    def children(self) -> tuple[BoundNode, ...]:
-        return () if self.point is None else (self.point,)
-
-    def own_streams(self) -> tuple[str, ...]:
-        return (self.column,) if self.stored else ()
+def compare(operator: str, values: NDArray[Any], value: float) -> Bools:
+    """Compare numbers; a comparison with something undefined is false, also ``!=``."""
+    result: Bools = COMPARISONS[operator](values, value)
+    if values.dtype.kind == "f":
+        result = result & ~np.isnan(values)
+    return result

@@ -10,7 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +23,6 @@ from raymap.model.events import Event
 from raymap.model.portion import Descriptors
 from raymap.model.rows import offsets_of
 from raymap.optics.photometry import ray_weights
-
-if TYPE_CHECKING:
-    from query.engine.bound import BoundNode
 
 __all__ = [
     "Cancelled",
@@ -95,8 +92,9 @@ class Context(ABC):
     n_rays: int
 
     def __init__(self) -> None:
-        self.point_results: dict[BoundNode, Pair] = {}
-        self.ray_results: dict[BoundNode, Pair] = {}
+        # By bound node (`query.engine.bound`), which stands above the columns it is asked on
+        self.point_results: dict[Any, Pair] = {}
+        self.ray_results: dict[Any, Pair] = {}
 
     # The path's own columns; points of ray r are rows offsets[r]:offsets[r + 1].
 

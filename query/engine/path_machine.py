@@ -7,14 +7,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from query.engine.path_matching import ANY_POINT, DETECTOR, PLACE
 from query.expression.automaton import Automaton, Element, parse_path
 from query.expression.names import FaceNames, match_indices, match_objects, unknown
 from raymap.model.directory import Directory
 from raymap.model.errors import UnknownName
 from raymap.model.events import FAMILIES, Event
 
-__all__ = ["PRINCIPAL", "PathMachine", "bind_path"]
+__all__ = ["ANY_POINT", "DETECTOR", "PLACE", "PRINCIPAL", "PathMachine", "bind_path"]
+
+ANY_POINT, PLACE, DETECTOR = 0, 1, 2
+"""Kinds of elements of a path expression."""
 
 INFORMATIVE = (
     Event.EMITTED

@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
+from query.engine.context import PathColumns
+from query.engine.path_machine import ANY_POINT, DETECTOR, PathMachine
 from raymap.jit.kernels import inline_kernel, inner_kernel, kernel
 
-if TYPE_CHECKING:
-    from query.engine.context import PathColumns
-    from query.engine.path_machine import PathMachine
-
-__all__ = ["ANY_POINT", "DETECTOR", "PLACE", "match_path"]
+__all__ = ["match_path"]
 
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.integer]
-
-ANY_POINT, PLACE, DETECTOR = 0, 1, 2
-"""Kinds of elements of a path expression."""
 
 _ONE = np.uint64(1)
 

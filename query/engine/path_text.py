@@ -5,7 +5,7 @@ from __future__ import annotations
 from query.engine.context import PathContext
 from query.engine.path_machine import PRINCIPAL
 from query.expression.names import PATH_SPECIAL, escape
-from query.expression.printer import quoted
+from query.expression.words import quoted
 from raymap.model.directory import Directory
 from raymap.model.events import event_names
 

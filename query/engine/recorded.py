@@ -2,47 +2,133 @@
 
 from __future__ import annotations
 
-from typing import Any
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from query.engine.context import RayContext
+from query.engine.bind import Binder
+from query.engine.bound import BoundCompare, BoundNode, at_points, compare, unknown
+from query.engine.context import Context, RayContext
+from query.engine.kleene import Pair, exactly
+from query.engine.scans import any_of_ray
+from query.expression.arguments import Point
+from query.expression.atom import Comparison, Quantity
+from query.expression.criterion import Criterion, check_point
 
-__all__ = ["LINEAR_LIMIT", "ellipse_of", "recorded_values"]
+__all__ = ["LINEAR_LIMIT", "Recorded", "angles_of", "degrees_of", "ellipse_of", "stokes_values"]
 
 LINEAR_LIMIT = 1e-6
 """Linear part of the light below which it has no azimuth; float32 keeps about 1e-7."""
 
+Floats = NDArray[np.float64]
 Ints = NDArray[np.integer[Any]]
 
 
-def recorded_values(context: RayContext, word: str, points: Ints | None) -> NDArray[np.float64]:
-    """A recorded quantity of rays or of points; NaN where it is undefined.
+@dataclass(frozen=True, eq=False)
+class Recorded(Quantity):
+    """A quantity that polarised traces record, at the ray's end or at certain points.
 
-    Parameters
+    Without ``point`` it speaks of the light of the ray's last segment; with one, of the light that
+    goes on from points that satisfy it, and the comparison holds if it holds at one of them.
+    Undefined in maps without the column. Calling it adds the point:
+    ``degree_of_polarisation(hit("L1")) > 0.5``.
+
+    Attributes
     ----------
-    word : "degree_of_polarisation", "angle_of_polarisation" [deg], "optical_path" [scene units]
-    points : indices among the points of the context, None for the end of every ray
-
-    Returns
-    -------
-    (n_rays,) or (n_points_chosen,) float64
+    column : optional column of the map that it is read from
     """
-    if word == "optical_path":
-        column = context.optional("optical_path", 1)
-        # The way out of the scene is no part of a path's length.
-        ends = np.maximum(context.ends - context.left, context.starts)
-        rows = ends if points is None else context.records[points]
-        return np.full(len(rows), np.nan) if column is None else column[rows].astype(np.float64)
+
+    point: Criterion | None = None
+
+    arguments = (Point(key="of", optional=True, help="where; without, at the end of the ray"),)
+    alone = True
+    column: ClassVar[str] = ""
+
+    def __post_init__(self) -> None:
+        if self.point is not None:
+            check_point(self.point, self.word)
+
+    def __call__(self, point: Criterion) -> Recorded:
+        return type(self)(point)
+
+    @classmethod
+    @abstractmethod
+    def values(cls, context: RayContext, points: Ints | None) -> Floats:
+        """The quantity of points of the context, or at the end of every ray; NaN: undefined."""
+
+    def bind(self, binder: Binder, comparison: Comparison, text: str) -> BoundNode:
+        return BoundRecorded(
+            text=text,
+            **vars(comparison),
+            kind=type(self),
+            stored=binder.facts.has_column(self.column),
+            point=None if self.point is None else binder.node(self.point),
+        )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class BoundRecorded(BoundCompare):
+    """A quantity from an optional column of the map.
+
+    Attributes
+    ----------
+    kind : which quantity; ``point`` : where, None for the end of the ray
+    stored : some portion has the column
+    """
+
+    kind: type[Recorded]
+    stored: bool
+    point: BoundNode | None = None
+
+    @property
+    def children(self) -> tuple[BoundNode, ...]:
+        return () if self.point is None else (self.point,)
+
+    def own_streams(self) -> tuple[str, ...]:
+        return (self.kind.column,) if self.stored else ()
+
+    def on_rays(self, context: Context) -> Pair:
+        if not self.stored:
+            return exactly(np.zeros(context.n_rays, np.bool_))
+        points = None if self.point is None else at_points(context, self.point)
+        if not isinstance(context, RayContext):
+            if points is None:
+                return unknown(context)
+            met = any_of_ray(points.possible, context.offsets)
+            return Pair(np.zeros_like(met), met)
+        if points is None:
+            values = self.kind.values(context, None)
+            return exactly(compare(self.operator, values, self.value))
+        chosen = np.flatnonzero(points.certain)
+        marks = np.zeros(context.n_points, np.bool_)
+        marks[chosen] = compare(self.operator, self.kind.values(context, chosen), self.value)
+        return exactly(any_of_ray(marks, context.offsets))
+
+    def never(self, map: Any) -> str | None:
+        if self.stored:
+            return None
+        return (
+            f"{self.text}: this map has no column {self.kind.column!r}; "
+            "a scene with [trace] light = 'polarised' writes it"
+        )
+
+
+def stokes_values(context: RayContext, points: Ints | None) -> Floats | None:
+    """(n, 3) polarised part of the light that goes on from points, or of every last segment.
+
+    NaN where no segment goes on; None where the portion has no such column.
+    """
     column = context.optional("stokes", 3)
+    if column is None:
+        return None
     has_segment = context.lengths > 1 if points is None else _goes_on(context, points)
     rows = context.ends - 1 if points is None else context.records[points]
-    if column is None:
-        return np.full(len(rows), np.nan)
     stokes = column[np.where(has_segment, rows, 0)].astype(np.float64)
-    values = _degree(stokes) if word == "degree_of_polarisation" else _angle(stokes)
-    return np.where(has_segment, values, np.nan)
+    stokes[~has_segment] = np.nan
+    return stokes
 
 
 def _goes_on(context: RayContext, points: Ints) -> NDArray[np.bool_]:
@@ -52,12 +138,13 @@ def _goes_on(context: RayContext, points: Ints) -> NDArray[np.bool_]:
     return ~is_last[points]
 
 
-def _degree(stokes: NDArray[np.float64]) -> NDArray[np.float64]:
-    degree: NDArray[np.float64] = np.sqrt((stokes**2).sum(axis=-1))
+def degrees_of(stokes: Floats) -> Floats:
+    """Polarised share of the light."""
+    degree: Floats = np.sqrt((stokes**2).sum(axis=-1))
     return degree
 
 
-def _angle(stokes: NDArray[np.float64]) -> NDArray[np.float64]:
+def angles_of(stokes: Floats) -> Floats:
     """Azimuth in (-90, 90] degrees, NaN for light without a linear part."""
     angle = np.degrees(0.5 * np.arctan2(stokes[..., 1], stokes[..., 0]))
     angle = np.where(angle <= -90.0, 90.0, angle)
@@ -82,7 +169,7 @@ def ellipse_of(stokes: NDArray[np.floating[Any]]) -> dict[str, float | str | Non
     Born & Wolf, 7th ed., 1.4.2: sin 2χ = s3 / s0 of the polarised part, axis ratio |tan χ|.
     """
     s = np.asarray(stokes, np.float64)
-    degree, angle = float(_degree(s)), float(_angle(s))
+    degree, angle = float(degrees_of(s)), float(angles_of(s))
     found: dict[str, float | str | None] = {
         "degree": degree,
         "angle_deg": None if np.isnan(angle) else angle,

@@ -20,9 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from query.engine.bind import MapFacts
-from query.engine.bound import BoundNode
+from query.engine.bound import BoundNode, evaluate
 from query.engine.context import Cancelled, PathContext
-from query.engine.evaluate import evaluate
 from query.engine.search import Found, PathVerdicts, search_portion
 from query.engine.tally import Tally
 from raymap.model.errors import DamagedPortion

@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from query.engine.bound import BoundNode
+from query.engine.bound import BoundNode, evaluate
 from query.engine.context import PathContext, RayContext
-from query.engine.evaluate import evaluate
 from query.engine.kleene import Pair
 from query.engine.scans import look_up
 from raymap.model.directory import ChannelSet

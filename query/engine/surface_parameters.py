@@ -11,7 +11,7 @@ import operator as op
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from query.expression.criteria import SurfaceTest
+from query.expression.arguments import SurfaceTest
 
 __all__ = ["COMPARISONS", "passes", "sides_of"]
 

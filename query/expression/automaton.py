@@ -12,6 +12,7 @@ import re
 from dataclasses import dataclass, field
 from functools import lru_cache
 
+from query.expression.names import nearest_names
 from raymap.model.errors import CriterionError
 from raymap.model.events import FAMILIES
 
@@ -164,8 +165,6 @@ class _PathParser:
         events = tuple(word for word in words.split(",") if word) if words else ()
         for word in events:
             if word not in FAMILIES:
-                from query.expression.names import nearest_names
-
                 near = nearest_names(word, FAMILIES) or list(FAMILIES)[:6]
                 raise self.fail(
                     f"no event is called {word!r}; nearest: {', '.join(near)}", match.start()

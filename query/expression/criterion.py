@@ -1,21 +1,31 @@
 """What a criterion is, and how operators join criteria: ``!``, ``->``, ``&``, ``^``, ``|``.
 
 A criterion speaks about one ray. Some are *point conditions* (`Criterion.is_point`): they can be
-asked of a single point, and mean "at some point of the ray" where they stand alone.
+asked of a single point, and mean "at some point of the ray" where they stand alone. Text
+(`query.expression.grammar`), Python operators and JSON (`query.expression.json_form`) are three
+spellings of one immutable tree; nothing in it knows a map.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from raymap.model.errors import CriterionError
 
-__all__ = ["And", "Criterion", "Not", "Or", "Then", "Xor", "check_point", "joinable"]
+__all__ = ["OPERATORS", "And", "Criterion", "Not", "Or", "Then", "Xor", "check_point", "joinable"]
 
 
 class Criterion:
-    """A logical expression over one ray."""
+    """A logical expression over one ray; ``str`` gives its text, which reads back the same.
+
+    Attributes
+    ----------
+    rank : how tightly it binds in text; what binds less tightly than its surroundings is bracketed
+    """
+
+    rank: ClassVar[int] = 6
 
     @property
     def is_point(self) -> bool:
@@ -26,6 +36,11 @@ class Criterion:
     def is_meeting(self) -> bool:
         """Whether it speaks of meetings with detectors, which stand between two points."""
         return False
+
+    @property
+    def children(self) -> Sequence[Criterion]:
+        """Criteria that it is made of."""
+        return ()
 
     def __and__(self, other: Criterion) -> Criterion:
         return And((self, joinable(other, "&")))
@@ -49,16 +64,9 @@ class Criterion:
             "and, or, not; put comparisons in parentheses; ask with query.select(map, criterion)"
         )
 
-    def __str__(self) -> str:
-        from query.expression.printer import to_text
-
-        return to_text(self)
-
     def to_json(self) -> dict[str, Any]:
         """The criterion as a JSON tree."""
-        from query.expression.json_form import to_json
-
-        return to_json(self)
+        raise NotImplementedError
 
 
 def joinable(value: object, operator: str) -> Criterion:
@@ -80,15 +88,31 @@ def check_point(value: Criterion, where: str) -> None:
         )
 
 
+def _inside(node: Criterion, rank: int) -> str:
+    return f"({node})" if node.rank < rank else str(node)
+
+
 @dataclass(frozen=True)
 class Not(Criterion):
     """The opposite."""
 
     arg: Criterion
+    rank: ClassVar[int] = 5
+    op: ClassVar[str] = "not"
 
     @property
     def is_point(self) -> bool:
         return self.arg.is_point
+
+    @property
+    def children(self) -> Sequence[Criterion]:
+        return (self.arg,)
+
+    def __str__(self) -> str:
+        return "!" + _inside(self.arg, self.rank)
+
+    def to_json(self) -> dict[str, Any]:
+        return {"op": self.op, "args": [self.arg.to_json()]}
 
 
 @dataclass(frozen=True)
@@ -97,6 +121,7 @@ class _Nary(Criterion):
 
     args: tuple[Criterion, ...]
     symbol: ClassVar[str] = ""
+    op: ClassVar[str] = ""
 
     def __post_init__(self) -> None:
         flat: list[Criterion] = []
@@ -111,12 +136,16 @@ class _Nary(Criterion):
     def is_point(self) -> bool:
         return all(arg.is_point for arg in self.args)
 
+    @property
+    def children(self) -> Sequence[Criterion]:
+        return self.args
 
-@dataclass(frozen=True)
-class And(_Nary):
-    """All of them."""
+    def __str__(self) -> str:
+        # Nested operators of one kind are merged, so an equal rank needs no brackets
+        return f" {self.symbol} ".join(_inside(arg, self.rank) for arg in self.args)
 
-    symbol: ClassVar[str] = "&"
+    def to_json(self) -> dict[str, Any]:
+        return {"op": self.op, "args": [arg.to_json() for arg in self.args]}
 
 
 @dataclass(frozen=True)
@@ -124,6 +153,8 @@ class Or(_Nary):
     """At least one of them."""
 
     symbol: ClassVar[str] = "|"
+    op: ClassVar[str] = "or"
+    rank: ClassVar[int] = 1
 
 
 @dataclass(frozen=True)
@@ -131,6 +162,17 @@ class Xor(_Nary):
     """An odd number of them."""
 
     symbol: ClassVar[str] = "^"
+    op: ClassVar[str] = "xor"
+    rank: ClassVar[int] = 2
+
+
+@dataclass(frozen=True)
+class And(_Nary):
+    """All of them."""
+
+    symbol: ClassVar[str] = "&"
+    op: ClassVar[str] = "and"
+    rank: ClassVar[int] = 3
 
 
 @dataclass(frozen=True)
@@ -138,6 +180,8 @@ class Then(_Nary):
     """One after the other along the ray: points i < j < k, detectors between two points."""
 
     symbol: ClassVar[str] = "->"
+    op: ClassVar[str] = "then"
+    rank: ClassVar[int] = 4
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -148,3 +192,7 @@ class Then(_Nary):
     @property
     def is_point(self) -> bool:
         return False
+
+
+OPERATORS: dict[str, type[_Nary]] = {kind.op: kind for kind in (And, Or, Xor, Then)}
+"""Operators that join two or more criteria, by their word in JSON."""

@@ -6,9 +6,12 @@ from functools import lru_cache
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
-from query.expression import criteria as c
+from query.expression.atom import Compare, Quantity
+from query.expression.criterion import And, Criterion, Not, Or, Then, Xor
 from query.expression.names import nearest_names
+from query.expression.registry import ATOMS
 from query.expression.units import known_units, unit_words
+from query.expression.words import EventSet
 from raymap.model.errors import CriterionError
 from raymap.model.events import FAMILIES
 
@@ -22,19 +25,8 @@ MAX_DEPTH = 200
 
 _MIRRORED = {"<": ">", "<=": ">=", ">": "<", ">=": "<=", "==": "==", "!=": "!="}
 _ASCII = {"≠": "!=", "≤": "<=", "≥": ">="}
-_PLAIN_QUANTITIES: dict[str, type[c.Quantity]] = {
-    kind.word: kind for kind in (c.Wavelength, c.Length, c.OpticalLength, c.Bounces, c.Flux)
-}
-_POINT_QUANTITIES = {"count": c.Count, "incidence": c.Incidence}
-_RECORDED: dict[str, type[c.Recorded]] = {
-    kind.word: kind for kind in (c.DegreeOfPolarisation, c.AngleOfPolarisation, c.OpticalPath)
-}
-_ATOMS = (
-    *("source", "hit", "event", "all", "detected", "crossed", "medium", "last", "path"),
-    *_POINT_QUANTITIES,
-    *_PLAIN_QUANTITIES,
-    *_RECORDED,
-)
+_JOINED = {"disjunction": Or, "exclusion": Xor, "conjunction": And, "sequence": Then}
+_INSIDE = ("rect", "ellipse")
 
 
 def mark(text: str, start: int, end: int) -> str:
@@ -64,7 +56,7 @@ def _parser() -> Lark:
     return Lark(grammar, parser="lalr", maybe_placeholders=False, propagate_positions=True)
 
 
-def parse(text: str) -> c.Criterion:
+def parse(text: str) -> Criterion:
     """Read a criterion from text.
 
     Raises
@@ -151,7 +143,7 @@ class _Builder:
         start, end = self.span(node)
         return self.text[start:end]
 
-    def criterion(self, node: Any) -> c.Criterion:
+    def criterion(self, node: Any) -> Criterion:
         """Any expression that stands for rays or points."""
         self.depth += 1
         if self.depth > MAX_DEPTH:
@@ -166,65 +158,74 @@ class _Builder:
         finally:
             self.depth -= 1
 
-    def _criterion(self, node: Any) -> c.Criterion:
+    def _criterion(self, node: Any) -> Criterion:
         kind = node.data
         if kind == "group":
             return self.criterion(node.children[0])
         if kind == "negation":
-            return c.Not(self.criterion(node.children[-1]))
-        joined = {"disjunction": c.Or, "exclusion": c.Xor, "conjunction": c.And, "sequence": c.Then}
-        if kind in joined:
-            return joined[kind](tuple(self.criterion(child) for child in node.children))
+            return Not(self.criterion(node.children[-1]))
+        if kind in _JOINED:
+            return _JOINED[kind](tuple(self.criterion(child) for child in node.children))
         if kind == "comparison":
             return self.comparison(node)
-        if kind == "call":
-            return self.call(node)
-        if kind == "word":
-            word = str(node.children[0])
-            if word == "all":
-                return c.All()
-            if word in FAMILIES:
-                raise self.fail(f"{word} is an event word: write event({word})", node)
-            if word in _PLAIN_QUANTITIES or word in _RECORDED:
-                raise self.fail(f"{word} is a number: compare it, for example {word} > 1", node)
-            raise self.fail(self._unknown_atom(word), node)
+        if kind in ("call", "word"):
+            return self.atom(node)
         shown = self.source(node)
         raise self.fail(
             f"{shown} is not a criterion; names stand in brackets, as in hit({shown})", node
         )
 
-    def _unknown_atom(self, word: str) -> str:
-        near = nearest_names(word, _ATOMS)
-        meant = f"; did you mean {' or '.join(near)}?" if near else f"; atoms: {', '.join(_ATOMS)}"
-        return f"unknown word {word!r}{meant}"
+    def atom(self, node: Any) -> Criterion:
+        """A condition: a word alone, or with brackets."""
+        word, called = str(node.children[0]), node.data == "call"
+        kind = ATOMS.get(word)
+        if kind is None:
+            if word in FAMILIES:
+                raise self.fail(f"{word} is an event word: write event({word})", node)
+            if called and word in _INSIDE:
+                raise self.fail(f'{word} stands inside detected("name", {word}(...))', node)
+            raise self.fail(self._unknown_atom(word), node)
+        if issubclass(kind, Quantity):
+            shown, example = (f"{word}(...)", "(...) >= 2") if called else (word, " > 1")
+            raise self.fail(f"{shown} is a number: compare it, for example {word}{example}", node)
+        if not called and not kind.stands_alone():
+            opening, _ = kind.opening()
+            raise self.fail(f"{word} takes something in brackets: {opening}", node)
+        found: Criterion = kind.read_call(self, node, node.children[1:])
+        return found
 
-    def comparison(self, node: Any) -> c.Criterion:
+    def _unknown_atom(self, word: str) -> str:
+        near = nearest_names(word, ATOMS.by_word)
+        if near:
+            return f"unknown word {word!r}; did you mean {' or '.join(near)}?"
+        return f"unknown word {word!r}; atoms: {', '.join(ATOMS.by_word)}"
+
+    def sides(self, node: Any) -> tuple[Any, str, Any]:
+        """Left side, operator and right side of a comparison, the number on the right."""
         left, token, right = node.children
         operator = _ASCII.get(str(token), str(token))
-        if left.data == "number":
-            left, right, operator = right, left, _MIRRORED[operator]
+        return (
+            (right, _MIRRORED[operator], left) if left.data == "number" else (left, operator, right)
+        )
+
+    def comparison(self, node: Any) -> Criterion:
+        left, operator, right = self.sides(node)
         quantity = self.quantity(left)
         number, unit = self.number(right)
-        return c.Compare(quantity, operator, number, unit)
+        return Compare(quantity, operator, number, unit)
 
-    def quantity(self, node: Any) -> c.Quantity:
+    def quantity(self, node: Any) -> Quantity:
         if node.data == "group":
             return self.quantity(node.children[0])
         word = str(node.children[0]) if node.data in ("word", "call") else ""
-        if node.data == "word" and word in _PLAIN_QUANTITIES:
-            return _PLAIN_QUANTITIES[word]()
-        if node.data == "word" and word in _RECORDED:
-            return _RECORDED[word]()
-        if node.data == "call" and word in (*_POINT_QUANTITIES, *_RECORDED):
-            args = node.children[1:]
-            if len(args) != 1:
-                raise self.fail(f"{word} takes one point condition", node)
-            point = self.criterion(args[0])
-            kind = _POINT_QUANTITIES.get(word) or _RECORDED[word]
-            return kind(point)
-        if node.data in ("word", "call") and word not in _ATOMS:
+        kind = ATOMS.get(word)
+        if word and kind is None:
             raise self.fail(self._unknown_atom(word), node)
-        raise self.fail(f"{self.source(node)} is not a number and cannot be compared", node)
+        called = node.data == "call"
+        if kind is None or not issubclass(kind, Quantity) or not (called or kind.stands_alone()):
+            raise self.fail(f"{self.source(node)} is not a number and cannot be compared", node)
+        found: Quantity = kind.read_call(self, node, node.children[1:] if called else [])
+        return found
 
     def number(self, node: Any) -> tuple[float, str]:
         if node.data == "group":
@@ -239,41 +240,12 @@ class _Builder:
             raise self.fail("the number is too large", node)
         return value, unit
 
-    def call(self, node: Any) -> c.Criterion:
-        word, args = str(node.children[0]), node.children[1:]
-        if word in ("source", "medium"):
-            names = tuple(self.string(arg, word) for arg in args)
-            return c.Source(names) if word == "source" else c.Medium(names)
-        if word == "hit":
-            return self.hit(args)
-        if word == "event":
-            return c.EventAt(tuple(self.event_set(arg) for arg in args))
-        if word == "all":
-            return c.All(tuple(self.point_or_event(arg) for arg in args))
-        if word in ("detected", "crossed"):
-            return self.detected(word, args)
-        if word == "last":
-            if len(args) != 1:
-                raise self.fail("last takes one point condition", node)
-            return c.Last(self.point_or_event(args[0]))
-        if word == "path":
-            return self.path(node, args)
-        if word in _POINT_QUANTITIES or word in _RECORDED:
-            raise self.fail(
-                f"{word}(...) is a number: compare it, for example {word}(...) >= 2", node
-            )
-        if word in ("rect", "ellipse"):
-            raise self.fail(f'{word} stands inside detected("name", {word}(...))', node)
-        if word in FAMILIES:
-            raise self.fail(f"{word} is an event word: write event({word})", node)
-        raise self.fail(self._unknown_atom(word), node)
-
     def string(self, node: Any, where: str) -> str:
         if node.data != "string":
             raise self.fail(f'{where} takes names in quotes, as in {where}("name")', node)
         return str(node.children[0])[1:-1]
 
-    def event_set(self, node: Any) -> c.EventSet:
+    def event_set(self, node: Any) -> EventSet:
         if node.data == "word":
             return self.event_word(node)
         if node.data == "call" and str(node.children[0]) == "all":
@@ -282,7 +254,7 @@ class _Builder:
                 return tuple(words)
         raise self.fail("expected an event word, such as reflected, or all(reflected, tir)", node)
 
-    def event_word(self, node: Any) -> c.EventSet:
+    def event_word(self, node: Any) -> EventSet:
         if node.data != "word":
             raise self.fail("expected an event word, such as reflected", node)
         word = str(node.children[0])
@@ -295,64 +267,8 @@ class _Builder:
             )
         return (word,)
 
-    def point_or_event(self, node: Any) -> c.Criterion:
+    def point_or_event(self, node: Any) -> Criterion:
         if node.data == "word" and str(node.children[0]) in FAMILIES:
-            return c.EventAt((self.event_word(node),))
+            found: Criterion = ATOMS.by_word["event"](events=(self.event_word(node),))
+            return found
         return self.criterion(node)
-
-    def hit(self, args: list[Any]) -> c.Criterion:
-        names: list[str] = []
-        tests: list[c.SurfaceTest] = []
-        events: list[c.EventSet] = []
-        for arg in args:
-            if arg.data == "string":
-                names.append(self.string(arg, "hit"))
-            elif arg.data == "comparison":
-                tests.append(self.surface_test(arg))
-            else:
-                events.append(self.event_set(arg))
-        return c.Hit(tuple(names), tuple(tests), tuple(events))
-
-    def surface_test(self, node: Any) -> c.SurfaceTest:
-        left, token, right = node.children
-        operator = _ASCII.get(str(token), str(token))
-        if left.data == "number":
-            left, right, operator = right, left, _MIRRORED[operator]
-        if left.data != "word":
-            raise self.fail("expected a surface parameter, as in hit(roughness > 0.2)", left)
-        number, unit = self.number(right)
-        if unit:
-            raise self.fail("surface parameters are compared with plain numbers", right)
-        return c.SurfaceTest(str(left.children[0]), operator, number)
-
-    def detected(self, word: str, args: list[Any]) -> c.Criterion:
-        names: list[str] = []
-        regions: list[c.Region] = []
-        for arg in args:
-            if arg.data == "call" and str(arg.children[0]) in ("rect", "ellipse"):
-                regions.append(self.region(arg))
-            else:
-                names.append(self.string(arg, word))
-        kind = c.Detected if word == "detected" else c.Crossed
-        return kind(tuple(names), tuple(regions))
-
-    def region(self, node: Any) -> c.Region:
-        shape = str(node.children[0])
-        measures = [self.number(arg) for arg in node.children[1:]]
-        if len(measures) != 4:
-            raise self.fail(f"{shape} takes four numbers, found {len(measures)}", node)
-        units = {unit for _, unit in measures}
-        if len(units) > 1:
-            raise self.fail("give all four numbers in one unit, or all in cells", node)
-        numbers = tuple(number for number, _ in measures)
-        try:
-            return c.Region(shape, numbers, units.pop())  # type: ignore[arg-type]
-        except CriterionError as error:
-            raise self.fail(str(error), node) from None
-
-    def path(self, node: Any, args: list[Any]) -> c.Criterion:
-        exact = len(args) == 2 and args[1].data == "word" and str(args[1].children[0]) == "exact"
-        if not args or len(args) > 1 + exact:
-            raise self.fail('path takes one expression in quotes, as in path("lamp .* @eye")', node)
-        text = self.string(args[0], "path")
-        return c.Path(text, exact)

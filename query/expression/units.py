@@ -7,7 +7,7 @@ import math
 from raymap.model.errors import CriterionError
 from raymap.model.units import METRES
 
-__all__ = ["ANGLES", "convert", "known_units", "length_factor", "unit_words"]
+__all__ = ["ANGLES", "convert", "degrees", "known_units", "length_factor", "unit_words"]
 
 _LENGTH_M = METRES | {"μm": 1e-6, "dm": 1e-1, "km": 1e3, "inch": METRES["in"]}
 _WAVELENGTH_NM = {"nm": 1.0, "um": 1e3, "µm": 1e3, "μm": 1e3, "mm": 1e6, "m": 1e9, "Å": 0.1}
@@ -60,21 +60,36 @@ def unit_words() -> str:
     return "; ".join(" ".join(u for u in group if u.isascii()) for group in groups)
 
 
-def convert(number: float, unit: str, quantity: str, length_unit: str, flux_unit: str) -> float:
+def degrees(unit: str, what: str = "an angle") -> float:
+    """Degrees per ``unit``.
+
+    Raises
+    ------
+    CriterionError
+    """
+    return _scale(unit, _ANGLE_DEG, what)
+
+
+def convert(
+    number: float, unit: str, dimension: str, what: str, length_unit: str, flux_unit: str
+) -> float:
     """A number with unit in the units of a map: nm, scene units, degrees, flux units.
 
     Without a unit the number is taken to be in the unit of the map already.
+
+    Parameters
+    ----------
+    dimension : "wavelength", "length", "angle", "flux", or "" of plain numbers
+    what : is measured, for messages
     """
     if not unit:
         return number
-    if quantity == "wavelength":
-        return number * _scale(unit, _WAVELENGTH_NM, "a wavelength")
-    if quantity in ("length", "optical_length", "optical_path"):
+    if dimension == "wavelength":
+        return number * _scale(unit, _WAVELENGTH_NM, what or "a wavelength")
+    if dimension == "length":
         return number * length_factor(unit, length_unit)
-    if quantity == "incidence":
-        return number * _scale(unit, _ANGLE_DEG, "an angle of incidence")
-    if quantity == "angle_of_polarisation":
-        return number * _scale(unit, _ANGLE_DEG, "an angle of polarisation")
-    if quantity == "flux":
-        return number * _scale(unit, _FLUX[flux_unit], "the flux of this map")
-    raise CriterionError(f"{quantity} is a plain number and takes no unit, found {unit!r}")
+    if dimension == "angle":
+        return number * degrees(unit, what or "an angle")
+    if dimension == "flux":
+        return number * _scale(unit, _FLUX[flux_unit], what or "the flux of this map")
+    raise CriterionError(f"{what} is a plain number and takes no unit, found {unit!r}")

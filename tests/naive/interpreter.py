@@ -10,11 +10,11 @@ import math
 import operator
 from typing import Any
 
-from query.expression import criteria as c
 from raymap.model.directory import Directory
 from raymap.model.events import FAMILIES, Event
 from tests.naive.path_expression import read_alternatives, tokens_of
 from tests.naive.rays import Point, Ray
+from tests.query import nodes as c
 
 COMPARE = {
     "==": operator.eq,

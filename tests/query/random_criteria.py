@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from hypothesis import strategies as st
 
-from query.expression import criteria as c
+from tests.query import nodes as c
 
 OPERATORS = st.sampled_from(["==", "!=", "<", "<=", ">", ">="])
 PLACES = st.sampled_from(

@@ -63,10 +63,10 @@ def map(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
 
 
 def test_every_atom_has_an_example() -> None:
-    from query.expression.grammar import _ATOMS
+    from query.expression.registry import ATOMS
 
     text = "\n".join(EXAMPLES)
-    assert [atom for atom in _ATOMS if not re.search(rf"\b{atom}\b", text)] == []
+    assert [atom.word for atom in ATOMS if not re.search(rf"\b{atom.word}\b", text)] == []
 
 
 def test_every_event_word_is_on_the_page() -> None:

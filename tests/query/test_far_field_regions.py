@@ -7,18 +7,17 @@ import math
 import numpy as np
 import pytest
 
-from query.engine.bind import Binder, MapFacts, bind
-from query.engine.bound import BoundRegion
-from query.expression.conditions import Detected, Region
+from query.atoms.detected import Detected
+from query.engine.bind import MapFacts, bind
+from query.engine.regions import BoundRegion, bind_region
+from query.expression.arguments import Region
 from query.expression.grammar import parse
 from raymap import Detector, Directory, Source
 from raymap.model.errors import CriterionError
 
 
 def in_cells(detector: Detector, region: Region) -> BoundRegion:
-    directory = Directory(sources=(Source(name="lamp", flux=1.0),), detectors=(detector,))
-    binder = Binder(MapFacts(directory=directory, emitted=np.ones(1, np.int64)))
-    return binder._region(region, detector)
+    return bind_region(region, detector, "mm")
 
 
 @pytest.mark.parametrize(

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 import query
 from query import Event, all_, count, detected, event, hit, parse, wavelength
 from query.engine.bind import MapFacts, bind
-from query.expression import criteria as c
 from query.expression.automaton import parse_path
 from query.expression.json_form import from_json
 from raymap.model.errors import CriterionError, UnknownName
+from tests.query import nodes as c
 from tests.query.random_maps import make_channel_set, make_directory
 
 

@@ -14,7 +14,6 @@ from PIL import Image
 
 import raymap
 from query import hit
-from query.expression.json_form import to_json
 from raymap.model.events import FAMILIES
 from tests.viewer.small_map import write_map
 from viewer import ViewState, picture, save_state
@@ -223,7 +222,7 @@ def test_every_spelling_of_a_criterion_draws_the_same_rays(small_map):
     tree = hit("*", FAMILIES["reflected"])
     expected = draw_rays(small_map, str(tree), 30).rays.ray_ids
     assert len(expected)
-    for spelling in (tree, to_json(tree)):
+    for spelling in (tree, tree.to_json()):
         np.testing.assert_array_equal(draw_rays(small_map, spelling, 30).rays.ray_ids, expected)
         alone = draw_rays(small_map, spelling, 30, paths=[('hit("*")', "met")]).rays.ray_ids
         np.testing.assert_array_equal(alone, expected)

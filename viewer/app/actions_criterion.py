@@ -100,7 +100,7 @@ class CriterionActions(Core):
         """Add a condition to the chosen line of the tree."""
         tree = criterion_tree(self.session.state.criterion)
         place = _place(self.page.tree_place or "") if tree is not None else ()
-        atom = make_atom(str(kind), str(name), str(event) if kind in ("hit", "event") else "")
+        atom = make_atom(str(kind), str(name), str(event))
         await self.set_criterion(tree_text(add_node(tree, place, atom, str(join))))
 
     def use_shelf(self, action: str, name: str) -> None:

@@ -16,8 +16,8 @@ from raymap.model.events import FAMILIES
 from viewer.app.guard import Guard
 from viewer.drawn.falsecolor import COLORMAPS
 from viewer.drawn.state import COLOR_RULES, PANELS
-from viewer.panels.criterion import ATOM_KINDS
 from viewer.panels.scene import SIDES
+from viewer.panels.tree import mouse_kinds
 
 __all__ = ["FIELDS", "MOST_BYTES", "Incoming", "Refused", "check_call"]
 
@@ -93,8 +93,13 @@ def _maybe(read_some: Reader) -> Reader:
     return lambda value: None if value is None else read_some(value)
 
 
+def _kind(value: Any) -> str:
+    chosen: str = _choice(*(kind.word for kind in mouse_kinds()))(value)
+    return chosen
+
+
 def _names(value: Any) -> dict[str, str]:
-    if not isinstance(value, dict) or not set(value) <= set(ATOM_KINDS):
+    if not isinstance(value, dict) or not set(value) <= {kind.word for kind in mouse_kinds()}:
         raise Refused("a name for each kind of condition")
     return {key: _text(4096)(name) for key, name in value.items()}
 
@@ -124,7 +129,7 @@ FIELDS: Mapping[str, Reader] = {
     "ghosts_only": _flag,
     "shape": _choice("rect", "ellipse"),
     "tree_place": _maybe(_text(1000, r"[0-9.]*")),
-    "atom_kind": _choice(*ATOM_KINDS),
+    "atom_kind": _kind,
     "atom_names": _names,
     "atom_event": _text(64),
     "count_compare": _choice("==", ">=", "<=", ">", "<", "!="),

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from query.answers.ghosts import ghost_reflections
-from query.expression.builders import event
+from query.atoms.event import event
 from raymap.model.directory import Detector
 from raymap.model.doubt import FOOTNOTE, MARK, marked
 from raymap.model.errors import RayMapError

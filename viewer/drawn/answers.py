@@ -22,8 +22,7 @@ from query.answers.tables import path_table as query_table
 from query.engine.context import PathContext
 from query.engine.path_text import PathNames, exact_criterion, path_text
 from query.engine.scan import default_threads
-from query.expression.builders import as_criterion
-from query.expression.printer import to_text
+from query.expression.spellings import as_criterion
 from raymap.model.directory import ChannelSet, Detector
 from raymap.model.errors import DamagedPortion, RayMapError
 from raymap.optics.cells import is_pinhole
@@ -112,7 +111,7 @@ def draw_rays(
 
 def _as_text(criterion: Any) -> str:
     node = as_criterion(criterion)
-    return "" if node is None else to_text(node)
+    return "" if node is None else str(node)
 
 
 def _draw(

@@ -5,36 +5,17 @@ from __future__ import annotations
 import re
 import string
 from dataclasses import dataclass
+from typing import Any
 
+from query.expression.arguments import Events, Names, Point, Points
+from query.expression.registry import ATOMS
 from raymap.model.directory import Directory
 from raymap.model.events import FAMILIES
 
 __all__ = ["Completion", "complete"]
 
-_FUNCTIONS = {
-    "hit": "met an object or face",
-    "detected": "registered by a detector",
-    "crossed": "passed through a detector",
-    "source": "emitted by",
-    "event": "happened anywhere",
-    "medium": "travelled in",
-    "last": "the ray ended there",
-    "count": "number of points",
-    "path": "itinerary",
-    "incidence": "angle of incidence",
-}
-_QUANTITIES = {
-    "wavelength": "of the last segment",
-    "length": "of the ray",
-    "optical_length": "of the ray",
-    "bounces": "points between start and end",
-    "flux": "of the ray",
-    "degree_of_polarisation": "of the last segment",
-    "angle_of_polarisation": "of the last segment",
-    "optical_path": "recorded",
-}
 _FAMILY_WORDS = ("reflected", "refracted", "transmitted", "scattered", "absorbed")
-_LIMIT = 12
+_LIMIT = 14
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,15 +48,22 @@ def complete(text: str, cursor: int, directory: Directory) -> tuple[int, list[Co
         return _names(before, directory, closed=text[cursor:].startswith('"'))
     typed = _word_at_end(before)
     start = cursor - len(typed)
-    function = _open_function(before[:start])
-    if function in ("hit", "event", "count", "last"):
+    arguments = _arguments(_open_function(before[:start]))
+    if any(isinstance(argument, Events | Point | Points) for argument in arguments):
         found = _events(typed)
-        if function == "event" or before[:start].rstrip().endswith(","):
+        only_events = all(isinstance(argument, Events) for argument in arguments)
+        if only_events or before[:start].rstrip().endswith(","):
             return start, found
         return start, [*_words(typed), *found][:_LIMIT]
     if not typed and before.rstrip()[-1:] not in (*"&|^!(,>~", ""):
         return start, []
     return start, _words(typed)
+
+
+def _arguments(word: str) -> tuple[Any, ...]:
+    """What stands in the brackets of an atom."""
+    kind = ATOMS.get(word)
+    return () if kind is None else kind.arguments
 
 
 def _word_at_end(text: str, letters: str = string.ascii_letters + "_") -> str:
@@ -102,15 +90,16 @@ def _names(before: str, directory: Directory, *, closed: bool) -> tuple[int, lis
     start = before.rfind('"') + 1
     typed = before[start:].lower()
     function = _open_function(before[: start - 1])
+    asked = {argument.of for argument in _arguments(function) if isinstance(argument, Names)}
     known: list[tuple[str, str]] = []
-    if function == "source":
-        known = [(entry.name, "source") for entry in directory.sources]
-    elif function in ("detected", "crossed"):
-        known = [(entry.name, "detector") for entry in directory.detectors]
-    elif function == "medium":
-        known = [(entry.name, "medium") for entry in directory.media]
-    elif function == "hit":
-        known = [(item.name, item.kind or "object") for item in directory.objects]
+    if "source" in asked:
+        known += [(entry.name, "source") for entry in directory.sources]
+    if "detector" in asked:
+        known += [(entry.name, "detector") for entry in directory.detectors]
+    if "medium" in asked:
+        known += [(entry.name, "medium") for entry in directory.media]
+    if "place" in asked:
+        known += [(item.name, item.kind or "object") for item in directory.objects]
         known += [(name, "face") for name in directory.faces.names]
     first = [pair for pair in known if pair[0].lower().startswith(typed)]
     inside = [pair for pair in known if typed in pair[0].lower() and pair not in first]
@@ -123,16 +112,12 @@ def _names(before: str, directory: Directory, *, closed: bool) -> tuple[int, lis
 
 
 def _words(typed: str) -> list[Completion]:
-    """Functions and quantities."""
+    """Atoms of the language."""
     found = []
-    for name, kind in _FUNCTIONS.items():
-        if name.startswith(typed):
-            point = name in ("last", "count", "incidence", "event")
-            insert = f"{name}()" if point else f'{name}("")'
-            found.append(Completion(text=name, kind=kind, insert=insert, back=1 if point else 2))
-    for name, kind in _QUANTITIES.items():
-        if name.startswith(typed):
-            found.append(Completion(text=name, kind=kind, insert=name))
+    for atom in ATOMS:
+        if atom.word.startswith(typed):
+            insert, back = atom.opening()
+            found.append(Completion(text=atom.word, kind=atom.title, insert=insert, back=back))
     return found[:_LIMIT]
 
 

@@ -7,21 +7,14 @@ import os
 from pathlib import Path
 from typing import Any
 
+from query.expression.arguments import Events, Names
 from query.expression.names import escape
 from raymap.model.directory import Directory
 from raymap.model.events import FAMILIES
-from viewer.panels.tree import GROUPS, TreeRow
+from viewer.panels.tree import GROUPS, TreeRow, mouse_kinds
 
 __all__ = ["CriterionShelf", "choices", "tree_fields"]
 
-ATOM_KINDS = {
-    "hit": "met",
-    "detected": "detected by",
-    "source": "emitted by",
-    "event": "event",
-    "medium": "travelled in",
-    "crossed": "passed through",
-}
 _SHELF_BYTES = 1 << 20
 
 
@@ -41,19 +34,27 @@ def choices(directory: Directory) -> dict[str, Any]:
         for face in item.faces
         if len(item.faces) > 1
     ]
-    detectors = names([entry.name for entry in directory.detectors])
-    lists = {
-        "hit": [{"title": "any surface", "value": "*"}, *objects, *faces],
-        "detected": detectors,
-        "crossed": detectors,
+    of: dict[str, list[dict[str, str]]] = {
+        "place": [{"title": "any surface", "value": "*"}, *objects, *faces],
+        "detector": names([entry.name for entry in directory.detectors]),
         "source": names([entry.name for entry in directory.sources]),
         "medium": names([entry.name for entry in directory.media]),
+    }
+    kinds = mouse_kinds()
+    lists = {
+        kind.word: of[argument.of]
+        for kind in kinds
+        for argument in kind.arguments
+        if isinstance(argument, Names)
     }
     families = ["reflected", "refracted", "transmitted", "scattered", "absorbed"]
     return {
         "atom_choices": lists,
         "atom_names": {kind: (found[0]["value"] if found else "") for kind, found in lists.items()},
-        "atom_kinds": [{"value": key, "title": title} for key, title in ATOM_KINDS.items()],
+        "atom_kinds": [{"value": kind.word, "title": kind.phrase} for kind in kinds],
+        "atom_happens": [
+            kind.word for kind in kinds if any(isinstance(a, Events) for a in kind.arguments)
+        ],
         "atom_events": families + [word for word in FAMILIES if word not in families],
         "groups": [{"value": key, "title": title} for key, title in GROUPS.items()],
     }

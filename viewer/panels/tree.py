@@ -12,7 +12,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from query import from_json, parse
+from query.expression.arguments import Events, Names
+from query.expression.atom import Condition
 from query.expression.names import escape
+from query.expression.registry import ATOMS
 from raymap.model.directory import Detector
 from raymap.model.errors import CriterionError
 from raymap.optics.cells import cells_by_angle
@@ -27,6 +30,7 @@ __all__ = [
     "criterion_tree",
     "demanded_detector",
     "make_atom",
+    "mouse_kinds",
     "negate_node",
     "region_values",
     "remove_node",
@@ -190,20 +194,29 @@ def count_node(tree: Tree, place: Place, compare: str, value: int) -> Tree:
     )
 
 
+def mouse_kinds() -> list[type[Condition]]:
+    """Conditions that are built with the mouse: they say how they begin."""
+    return [kind for kind in ATOMS if getattr(kind, "phrase", "")]
+
+
 def make_atom(kind: str, name: str = "*", event: str = "") -> Tree:
     """A condition from what was chosen in lists.
 
     Parameters
     ----------
-    kind : "source", "hit", "event", "detected", "crossed" or "medium"
-    name : of a source, object, face, detector or medium
-    event : word of an event, for "hit" and "event"; empty for any
+    kind : word of one of `mouse_kinds`
+    name : of a source, object, face, detector or medium, where the condition takes one
+    event : word of an event, where it takes one; empty for any
     """
-    if kind == "event":
-        return {"op": "event", "events": [event or "reflected"]}
-    tree: Tree = {"op": kind, "names": [name]}
-    if kind == "hit" and event:
-        tree["events"] = [event]
+    known = {found.word: found for found in mouse_kinds()}
+    if kind not in known:
+        raise CriterionError(f"{kind!r} is none of the conditions: {', '.join(known)}")
+    tree: Tree = {"op": kind}
+    for argument in known[kind].arguments:
+        if isinstance(argument, Names):
+            tree[argument.name] = [name]
+        elif isinstance(argument, Events) and (event or not argument.optional):
+            tree[argument.name] = [event or "reflected"]
     return tree
 
 
