@@ -117,7 +117,15 @@ class Registry(Generic[K]):
                         f"rename it, or uninstall {entry.distribution}"
                     )
                 taken[word] = entry
-        return sorted(found, key=lambda entry: (entry.kind.place, entry.kind.word))
+        return self._in_order(found)
+
+    def own_in_order(self) -> list[Entry[K]]:
+        """Ours in the order of lists, whatever else is installed."""
+        return self._in_order(self.own())
+
+    @staticmethod
+    def _in_order(entries: list[Entry[K]]) -> list[Entry[K]]:
+        return sorted(entries, key=lambda entry: (entry.kind.place, entry.kind.word))
 
     def own(self) -> list[Entry[K]]:
         """Ours: a module each."""

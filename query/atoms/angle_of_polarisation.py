@@ -17,7 +17,7 @@ class AngleOfPolarisation(Recorded):
     """Azimuth of the vibration from the transverse axis x [deg], (-90, 90]."""
 
     word = "angle_of_polarisation"
-    title = "of the last segment"
+    title = "azimuth of the vibration at its end"
     column = "stokes"
     dimension = "angle"
     measured = "an angle of polarisation"

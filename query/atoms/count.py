@@ -24,7 +24,7 @@ class Count(Quantity):
     point: Criterion
 
     word = "count"
-    title = "number of points"
+    title = "number of such points"
     arguments = (Point(key="of", help="point condition"),)
     place = 80
 

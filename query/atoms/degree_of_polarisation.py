@@ -17,7 +17,7 @@ class DegreeOfPolarisation(Recorded):
     """Polarised share of the light, 0 to 1."""
 
     word = "degree_of_polarisation"
-    title = "of the last segment"
+    title = "polarised share of the light at its end"
     column = "stokes"
     place = 250
 

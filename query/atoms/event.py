@@ -27,7 +27,7 @@ class EventAt(Condition):
     events: tuple[EventSet, ...]
 
     word = "event"
-    title = "happened anywhere"
+    title = "happened at some point"
     phrase = "event"
     arguments = (Events(help="event words, any of which happened"),)
     place = 50

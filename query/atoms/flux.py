@@ -20,7 +20,7 @@ class Flux(Quantity):
     """Flux that the ray carries [flux unit of the map]."""
 
     word = "flux"
-    title = "of the ray"
+    title = "flux that the ray carries"
     dimension = "flux"
     place = 240
 

@@ -22,7 +22,7 @@ class Last(Condition):
     point: Criterion
 
     word = "last"
-    title = "the ray ended there"
+    title = "holds where the ray ended"
     arguments = (Point(or_event=True, help="point condition or event word"),)
     place = 70
 

@@ -20,7 +20,7 @@ class Length(Quantity):
     """Geometric length of the ray [scene units], without the last segment of one that left."""
 
     word = "length"
-    title = "of the ray"
+    title = "geometric length of the ray"
     dimension = "length"
     place = 210
 

@@ -23,7 +23,7 @@ class Medium(Condition):
     names: tuple[str, ...]
 
     word = "medium"
-    title = "travelled in"
+    title = "travelled in a medium"
     phrase = "travelled in"
     arguments = (Names(of="medium", help="names of media"),)
     place = 60

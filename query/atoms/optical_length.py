@@ -21,7 +21,7 @@ class OpticalLength(Quantity):
     """Sum of refractive index x length [scene units]."""
 
     word = "optical_length"
-    title = "of the ray"
+    title = "sum of refractive index times length"
     dimension = "length"
     place = 220
 

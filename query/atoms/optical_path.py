@@ -17,7 +17,7 @@ class OpticalPath(Recorded):
     """Recorded optical path from the emission to the point [scene units]."""
 
     word = "optical_path"
-    title = "recorded"
+    title = "recorded optical path"
     column = "optical_path"
     dimension = "length"
     place = 270

@@ -32,7 +32,7 @@ class Path(Condition):
     exact: bool = False
 
     word = "path"
-    title = "itinerary"
+    title = "the whole itinerary"
     arguments = (
         Text(example="lamp .* @eye", help="regular expression over the itinerary"),
         Flag(name="exact", help="events and registrations are exactly those written"),

@@ -24,7 +24,7 @@ class Source(Condition):
     names: tuple[str, ...]
 
     word = "source"
-    title = "emitted by"
+    title = "emitted by a source"
     phrase = "emitted by"
     arguments = (Names(of="source", help="names of sources"),)
     place = 40

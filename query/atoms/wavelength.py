@@ -22,7 +22,7 @@ class Wavelength(Quantity):
     """Vacuum wavelength of the ray at its end [nm]; undefined while several channels travel."""
 
     word = "wavelength"
-    title = "of the last segment"
+    title = "vacuum wavelength at its end"
     dimension = "wavelength"
     place = 200
 

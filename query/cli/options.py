@@ -21,7 +21,10 @@ __all__ = [
 ]
 
 Criterion = Annotated[
-    str | None, typer.Argument(help="Which rays; all of them if there is no criterion.")
+    str | None,
+    typer.Argument(
+        help="Which rays; all of them if there is no criterion. raymap kinds atoms lists the words."
+    ),
 ]
 Threads = Annotated[
     int | None, typer.Option(min=1, help="Worker threads; by default one per core.")

@@ -66,12 +66,14 @@ class Atom:
     @classmethod
     def spelling(cls) -> str:
         """How it is written, for tables."""
-        inside = ", ".join(
-            f"[{argument.spelling}]" if argument.optional else argument.spelling
-            for argument in cls.arguments
-        )
-        if not inside:
+        if not cls.arguments:
             return cls.word
+        shown = [
+            f"[{argument.spelling}]" if argument.optional and not cls.stands_alone()
+            else argument.spelling
+            for argument in cls.arguments
+        ]  # fmt: skip
+        inside = ", ".join(shown)
         return (
             f"{cls.word} or {cls.word}({inside})" if cls.stands_alone() else f"{cls.word}({inside})"
         )

@@ -39,6 +39,7 @@ class Panel(enum.StrEnum):
     PICTURES = "Pictures"
     FILES = "Files and other programs"
     STUDIES = "Studies"
+    SETUP = "This installation"
 
 
 MapPath = Annotated[Path, typer.Argument(help="A ray map, or a folder of them.")]
