@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from query.expression.registry import ATOMS
-from raymap.registry import Registry
+from raymap.model.registry import Registry
 
 __all__ = ["REGISTRIES"]
 

@@ -14,7 +14,7 @@ from query.expression.arguments import Points
 from query.expression.atom import Condition
 from query.expression.criterion import Criterion, check_point
 
-__all__ = ["ATOM", "All"]
+__all__ = ["KINDS", "All"]
 
 
 @dataclass(frozen=True)
@@ -57,4 +57,4 @@ class BoundAll(BoundPoint):
         return combine("and", [at_points(context, arg) for arg in self.args])
 
 
-ATOM = All
+KINDS = (All,)

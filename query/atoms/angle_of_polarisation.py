@@ -9,7 +9,7 @@ import numpy as np
 from query.engine.context import RayContext
 from query.engine.recorded import Floats, Ints, Recorded, angles_of, stokes_values
 
-__all__ = ["ATOM", "AngleOfPolarisation", "angle_of_polarisation"]
+__all__ = ["KINDS", "AngleOfPolarisation", "angle_of_polarisation"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,4 +33,4 @@ class AngleOfPolarisation(Recorded):
 
 angle_of_polarisation = AngleOfPolarisation()
 
-ATOM = AngleOfPolarisation
+KINDS = (AngleOfPolarisation,)

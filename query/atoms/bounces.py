@@ -13,7 +13,7 @@ from query.engine.kleene import Pair, exactly
 from query.engine.whole_numbers import BoundWhole
 from query.expression.atom import Comparison, Quantity
 
-__all__ = ["ATOM", "Bounces", "bounces"]
+__all__ = ["KINDS", "Bounces", "bounces"]
 
 
 class Bounces(Quantity):
@@ -38,4 +38,4 @@ class BoundBounces(BoundWhole):
 
 bounces = Bounces()
 
-ATOM = Bounces
+KINDS = (Bounces,)

@@ -14,7 +14,7 @@ from query.expression.arguments import Point
 from query.expression.atom import Comparison, Quantity
 from query.expression.criterion import Criterion, check_point
 
-__all__ = ["ATOM", "Count", "count"]
+__all__ = ["KINDS", "Count", "count"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,4 +59,4 @@ def count(point: Criterion) -> Count:
     return Count(point)
 
 
-ATOM = Count
+KINDS = (Count,)

@@ -8,7 +8,7 @@ from typing import ClassVar
 from query.atoms.detected import Detected, names_and_regions
 from query.expression.arguments import Region
 
-__all__ = ["ATOM", "Crossed", "crossed"]
+__all__ = ["KINDS", "Crossed", "crossed"]
 
 
 @dataclass(frozen=True)
@@ -27,4 +27,4 @@ def crossed(*what: str | Region) -> Crossed:
     return Crossed(*names_and_regions(what))
 
 
-ATOM = Crossed
+KINDS = (Crossed,)

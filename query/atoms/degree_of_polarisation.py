@@ -9,7 +9,7 @@ import numpy as np
 from query.engine.context import RayContext
 from query.engine.recorded import Floats, Ints, Recorded, degrees_of, stokes_values
 
-__all__ = ["ATOM", "DegreeOfPolarisation", "degree_of_polarisation"]
+__all__ = ["KINDS", "DegreeOfPolarisation", "degree_of_polarisation"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,4 +31,4 @@ class DegreeOfPolarisation(Recorded):
 
 degree_of_polarisation = DegreeOfPolarisation()
 
-ATOM = DegreeOfPolarisation
+KINDS = (DegreeOfPolarisation,)

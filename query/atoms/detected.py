@@ -18,7 +18,7 @@ from query.expression.atom import Condition
 from query.expression.words import canonical_names
 from raymap.model.errors import CriterionError
 
-__all__ = ["ATOM", "Detected", "detected", "ellipse", "names_and_regions", "rect"]
+__all__ = ["KINDS", "Detected", "detected", "ellipse", "names_and_regions", "rect"]
 
 
 @dataclass(frozen=True)
@@ -134,4 +134,4 @@ def detected(*what: str | Region) -> Detected:
     return Detected(*names_and_regions(what))
 
 
-ATOM = Detected
+KINDS = (Detected,)

@@ -17,7 +17,7 @@ from query.expression.words import EventSet, check_events, event_sets
 from raymap.model.errors import CriterionError
 from raymap.model.events import Event
 
-__all__ = ["ATOM", "EventAt", "all_", "alternatives", "event"]
+__all__ = ["KINDS", "EventAt", "all_", "alternatives", "event"]
 
 
 @dataclass(frozen=True)
@@ -87,4 +87,4 @@ def alternatives(value: object) -> tuple[EventSet, ...]:
     return (tuple(words),)
 
 
-ATOM = EventAt
+KINDS = (EventAt,)

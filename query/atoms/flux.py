@@ -13,7 +13,7 @@ from query.engine.context import Context, RayContext
 from query.engine.kleene import Pair, exactly
 from query.expression.atom import Comparison, Quantity
 
-__all__ = ["ATOM", "Flux", "flux"]
+__all__ = ["KINDS", "Flux", "flux"]
 
 
 class Flux(Quantity):
@@ -62,4 +62,4 @@ class BoundFlux(BoundCompare):
 
 flux = Flux()
 
-ATOM = Flux
+KINDS = (Flux,)

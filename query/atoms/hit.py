@@ -23,7 +23,7 @@ from query.expression.words import EventSet, canonical_names, check_events, quot
 from raymap.model.errors import UnknownName
 from raymap.model.events import FAMILIES, Event
 
-__all__ = ["ATOM", "Hit", "Parameter", "hit", "parameter"]
+__all__ = ["KINDS", "Hit", "Parameter", "hit", "parameter"]
 
 
 @dataclass(frozen=True)
@@ -227,4 +227,4 @@ def hit(*what: str | SurfaceTest | Event | All, events: object = ()) -> Hit:
     return Hit(tuple(names), tuple(tests), tuple(sets))
 
 
-ATOM = Hit
+KINDS = (Hit,)

@@ -17,7 +17,7 @@ from query.expression.arguments import Point
 from query.expression.atom import Comparison, Quantity
 from query.expression.criterion import Criterion, check_point
 
-__all__ = ["ATOM", "Incidence", "incidence"]
+__all__ = ["KINDS", "Incidence", "incidence"]
 
 Ints = NDArray[np.integer]
 
@@ -99,4 +99,4 @@ def incidence(point: Criterion) -> Incidence:
     return Incidence(point)
 
 
-ATOM = Incidence
+KINDS = (Incidence,)

@@ -12,7 +12,7 @@ from query.expression.arguments import Point
 from query.expression.atom import Condition
 from query.expression.criterion import Criterion, check_point
 
-__all__ = ["ATOM", "Last", "last"]
+__all__ = ["KINDS", "Last", "last"]
 
 
 @dataclass(frozen=True)
@@ -52,4 +52,4 @@ def last(point: Criterion) -> Last:
     return Last(point)
 
 
-ATOM = Last
+KINDS = (Last,)

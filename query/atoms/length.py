@@ -13,7 +13,7 @@ from query.engine.context import RayContext
 from query.engine.measures import path_lengths
 from query.expression.atom import Comparison, Quantity
 
-__all__ = ["ATOM", "Length", "length"]
+__all__ = ["KINDS", "Length", "length"]
 
 
 class Length(Quantity):
@@ -41,4 +41,4 @@ class BoundLength(BoundValue):
 
 length = Length()
 
-ATOM = Length
+KINDS = (Length,)

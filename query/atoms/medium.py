@@ -13,7 +13,7 @@ from query.expression.arguments import Names
 from query.expression.atom import Condition
 from query.expression.words import canonical_names
 
-__all__ = ["ATOM", "Medium", "medium"]
+__all__ = ["KINDS", "Medium", "medium"]
 
 
 @dataclass(frozen=True)
@@ -52,4 +52,4 @@ def medium(*names: str) -> Medium:
     return Medium(names)
 
 
-ATOM = Medium
+KINDS = (Medium,)

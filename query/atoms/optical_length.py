@@ -14,7 +14,7 @@ from query.engine.context import RayContext
 from query.engine.measures import optical_lengths
 from query.expression.atom import Comparison, Quantity
 
-__all__ = ["ATOM", "OpticalLength", "optical_length"]
+__all__ = ["KINDS", "OpticalLength", "optical_length"]
 
 
 class OpticalLength(Quantity):
@@ -54,4 +54,4 @@ class BoundOpticalLength(BoundValue):
 
 optical_length = OpticalLength()
 
-ATOM = OpticalLength
+KINDS = (OpticalLength,)

@@ -9,7 +9,7 @@ import numpy as np
 from query.engine.context import RayContext
 from query.engine.recorded import Floats, Ints, Recorded
 
-__all__ = ["ATOM", "OpticalPath", "optical_path"]
+__all__ = ["KINDS", "OpticalPath", "optical_path"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,4 +33,4 @@ class OpticalPath(Recorded):
 
 optical_path = OpticalPath()
 
-ATOM = OpticalPath
+KINDS = (OpticalPath,)

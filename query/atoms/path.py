@@ -17,7 +17,7 @@ from query.expression.atom import Condition
 from query.expression.automaton import canonical_path, parse_path
 from raymap.model.errors import UnknownName
 
-__all__ = ["ATOM", "Path", "path"]
+__all__ = ["KINDS", "Path", "path"]
 
 
 @dataclass(frozen=True)
@@ -84,4 +84,4 @@ def path(expression: str, exact: bool = False) -> Path:
     return Path(expression, exact)
 
 
-ATOM = Path
+KINDS = (Path,)

@@ -14,7 +14,7 @@ from query.expression.arguments import Names
 from query.expression.atom import Condition
 from query.expression.words import canonical_names
 
-__all__ = ["ATOM", "Source", "source"]
+__all__ = ["KINDS", "Source", "source"]
 
 
 @dataclass(frozen=True)
@@ -57,4 +57,4 @@ def source(*names: str) -> Source:
     return Source(names)
 
 
-ATOM = Source
+KINDS = (Source,)

@@ -15,7 +15,7 @@ from query.engine.kleene import Pair, exactly
 from query.engine.surface_parameters import COMPARISONS
 from query.expression.atom import Comparison, Quantity
 
-__all__ = ["ATOM", "Wavelength", "wavelength"]
+__all__ = ["KINDS", "Wavelength", "wavelength"]
 
 
 class Wavelength(Quantity):
@@ -60,4 +60,4 @@ class BoundWavelength(BoundValue):
 
 wavelength = Wavelength()
 
-ATOM = Wavelength
+KINDS = (Wavelength,)

@@ -195,10 +195,10 @@ class _Builder:
         return found
 
     def _unknown_atom(self, word: str) -> str:
-        near = nearest_names(word, ATOMS.by_word)
+        near = nearest_names(word, ATOMS)
         if near:
             return f"unknown word {word!r}; did you mean {' or '.join(near)}?"
-        return f"unknown word {word!r}; atoms: {', '.join(ATOMS.by_word)}"
+        return f"unknown word {word!r}; atoms: {', '.join(atom.word for atom in ATOMS.kinds())}"
 
     def sides(self, node: Any) -> tuple[Any, str, Any]:
         """Left side, operator and right side of a comparison, the number on the right."""
@@ -269,6 +269,6 @@ class _Builder:
 
     def point_or_event(self, node: Any) -> Criterion:
         if node.data == "word" and str(node.children[0]) in FAMILIES:
-            found: Criterion = ATOMS.by_word["event"](events=(self.event_word(node),))
+            found: Criterion = ATOMS["event"](events=(self.event_word(node),))
             return found
         return self.criterion(node)

@@ -92,7 +92,7 @@ def _node(reader: _Reader, op: str) -> Criterion:
         return _compare(reader)
     kind = ATOMS.get(op)
     if kind is None or issubclass(kind, Quantity):
-        conditions = [atom.word for atom in ATOMS if not issubclass(atom, Quantity)]
+        conditions = [atom.word for atom in ATOMS.kinds() if not issubclass(atom, Quantity)]
         known = ", ".join((*OPERATORS, "not", *conditions, "compare"))
         raise CriterionError(f"{reader.where}.op is {op!r}; known: {known}")
     found: Criterion = kind.read_json(reader)

@@ -4,21 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
-from query.expression.atom import Condition, Quantity
-from raymap.registry import Registry
+from query.expression.atom import Atom
+from raymap.model.registry import Registry
 
 __all__ = ["ATOMS"]
 
-
-def _fits(kind: Any) -> bool:
-    return isinstance(kind, type) and issubclass(kind, Condition | Quantity) and bool(kind.word)
-
-
 ATOMS: Registry[Any] = Registry(
-    "atoms of criteria",
-    package="query.atoms",
-    constant="ATOM",
-    group="raymap.atoms",
-    fits=_fits,
+    "raymap.atoms",
+    "query.atoms",
+    words=lambda kind: (kind.word,),
+    of=Atom,
+    sort="words of criteria",
 )
 """Every atom by its word."""

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib import import_module
 from typing import Annotated, Any
 
 import typer
 
 from raymap.cli.options import Json, emit_json
 from raymap.model.errors import RayMapError
+from raymap.model.registry import OURS, Entry, Registry
+from raymap.rooms import ROOMS, check_room
 
-__all__ = ["kinds", "markdown_table"]
+__all__ = ["kinds", "markdown_table", "registries"]
 
 
 def kinds(
@@ -21,12 +24,10 @@ def kinds(
     json: Json = False,
 ) -> None:
     """List the words of criteria, panels and file formats, with those of installed plug-ins."""
-    from raymap.registry import registries
-
     known = registries()
     if sort is not None and sort not in known:
         raise RayMapError(f"no sort of kinds is called {sort!r}; there are {', '.join(known)}")
-    chosen = {name: known[name].entries for name in known if sort in (None, name)}
+    chosen = {name: known[name].entries() for name in known if sort in (None, name)}
     if json:
         emit_json({name: [_facts(entry) for entry in found] for name, found in chosen.items()})
         return
@@ -36,33 +37,48 @@ def kinds(
         typer.echo("")
 
 
-def _facts(entry: Any) -> dict[str, Any]:
-    kind = entry.kind
-    spelled = getattr(kind, "spelling", None)
+def registries() -> dict[str, Registry[Any]]:
+    """The registries of all installed rooms by name; each room lists its own in ``registries``."""
+    found: dict[str, Registry[Any]] = {}
+    for room in ROOMS:
+        check_room(room)
+        try:
+            module = import_module(f"{room}.registries")
+        except ModuleNotFoundError as error:
+            if error.name not in (room, f"{room}.registries"):
+                raise
+            continue
+        found |= module.REGISTRIES
+    return found
+
+
+def _facts(entry: Entry) -> dict[str, Any]:
     return {
-        "word": kind.word,
-        "spelling": kind.word if spelled is None else spelled(),
-        "title": kind.title,
+        "word": entry.word,
+        "spelling": entry.spelling,
+        "title": entry.title,
         "origin": entry.origin,
-        "distribution": entry.distribution or "raymap",
+        "distribution": entry.distribution or OURS,
     }
 
 
-def markdown_table(entries: Sequence[Any]) -> str:
+def _whose(entry: Entry) -> str:
+    return "" if entry.distribution in ("", OURS) else entry.distribution
+
+
+def markdown_table(entries: Sequence[Entry]) -> str:
     """The table of pages: how a kind is written, and what it is."""
     rows = ["| written | what it is |", "|---|---|"]
-    for facts in map(_facts, entries):
-        own = facts["distribution"] == "raymap"
-        note = "" if own else f" ({facts['distribution']})"
-        rows.append(f"| `{facts['spelling']}` | {facts['title']}{note} |")
+    for entry in entries:
+        note = f" ({_whose(entry)})" if _whose(entry) else ""
+        rows.append(f"| `{entry.spelling}` | {entry.title}{note} |")
     return "\n".join(rows)
 
 
-def _plain_table(entries: Sequence[Any]) -> str:
-    rows = [_facts(entry) for entry in entries]
-    width = max((len(row["spelling"]) for row in rows), default=0)
+def _plain_table(entries: Sequence[Entry]) -> str:
+    width = max((len(entry.spelling) for entry in entries), default=0)
     lines = []
-    for row in rows:
-        note = "" if row["distribution"] == "raymap" else f"   [{row['distribution']}]"
-        lines.append(f"  {row['spelling']:<{width}}  {row['title']}{note}")
+    for entry in entries:
+        note = f"   [{_whose(entry)}]" if _whose(entry) else ""
+        lines.append(f"  {entry.spelling:<{width}}  {entry.title}{note}")
     return "\n".join(lines)

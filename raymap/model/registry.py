@@ -17,9 +17,49 @@ from typing import Any, TypeVar
 from raymap.model.errors import RayMapError
 from raymap.model.names import nearest_names
 
-__all__ = ["Registry"]
+__all__ = ["Entry", "Registry"]
 
 Kind = TypeVar("Kind")
+
+OURS = "raymap"
+"""The distribution of the product; its rooms register kinds by entry points, too."""
+
+LAST_PLACE = 1000.0
+"""In lists, of kinds that do not say theirs (``place``)."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A kind in lists.
+
+    Attributes
+    ----------
+    word, kind : by which it is asked for, and itself
+    origin : its module, or the value of its entry point
+    distribution : that registers it, "" for kinds that are found by scanning
+    """
+
+    word: str
+    kind: Any
+    origin: str
+    distribution: str = ""
+
+    @property
+    def title(self) -> str:
+        """What it is, in a few words."""
+        told = getattr(self.kind, "title", "") or (self.kind.__doc__ or "").partition("\n")[0]
+        return str(told).rstrip(".")
+
+    @property
+    def spelling(self) -> str:
+        """How it is written."""
+        spelled = getattr(self.kind, "spelling", None)
+        return self.word if spelled is None else str(spelled())
+
+    @property
+    def place(self) -> float:
+        """In lists, from the lowest; kinds of one place stand as they were found."""
+        return float(getattr(self.kind, "place", LAST_PLACE))
 
 
 @dataclass(frozen=True)
@@ -40,6 +80,7 @@ class Registry(Mapping[str, Kind]):
     package : whose modules hold the built-in kinds; empty where there are none
     words : the words of a kind, the first of them the one that is shown
     of : what a kind must be an instance of, or a class that it must derive from
+    sort : what they are, in the plural, for lists
     """
 
     def __init__(
@@ -49,16 +90,33 @@ class Registry(Mapping[str, Kind]):
         *,
         words: Callable[[Kind], Sequence[str]],
         of: type[Any] | None = None,
+        sort: str = "",
     ) -> None:
         self.group = group
         self.package = package
+        self.sort = sort or group
         self._words = words
         self._of = of
         self._known: dict[str, Kind | _Pending] | None = None
 
     def kinds(self) -> list[Kind]:
-        """Every kind once."""
-        return list({id(kind): kind for kind in self.values()}.values())
+        """Every kind once, in the order of lists."""
+        return [entry.kind for entry in self.entries()]
+
+    def entries(self, *, ours: bool = False) -> list[Entry]:
+        """Every kind once with where it comes from, in the order of lists.
+
+        Parameters
+        ----------
+        ours : only those of this distribution, whatever else is installed
+        """
+        found: dict[int, Entry] = {}
+        for origin, distribution, word, _ in self._found():
+            if ours and distribution not in ("", OURS):
+                continue
+            kind: Any = self[word]
+            found.setdefault(id(kind), Entry(word, kind, origin, distribution))
+        return sorted(found.values(), key=lambda entry: entry.place)
 
     def nearest(self, word: str) -> str:
         """'; did you mean …' for a word that no kind has."""
@@ -67,34 +125,40 @@ class Registry(Mapping[str, Kind]):
     def _all(self) -> dict[str, Kind | _Pending]:
         if self._known is None:
             known: dict[str, Kind | _Pending] = {}
-            for place, word, kind in self._found():
+            for origin, distribution, word, kind in self._found():
                 if word in known:
                     raise RayMapError(
-                        f"{place}: there is a kind {word!r} of {self.group} already; uninstall or "
-                        "rename one of them"
+                        f"{_place(origin, distribution)}: there is a kind {word!r} of {self.group} "
+                        f"already; uninstall {distribution or 'one of them'}, or rename its kind"
                     )
                 known[word] = kind
             self._known = known
         return self._known
 
-    def _found(self) -> Iterator[tuple[str, str, Kind | _Pending]]:
+    def _found(self) -> Iterator[tuple[str, str, str, Kind | _Pending]]:
         if self.package:
             package = import_module(self.package)
             for module in sorted(pkgutil.iter_modules(package.__path__), key=lambda m: m.name):
                 name = f"{self.package}.{module.name}"
                 for kind in getattr(import_module(name), "KINDS", ()):
                     for word in self._words(kind):
-                        yield name, word, kind
-        for point in sorted(entry_points(group=self.group), key=lambda point: point.name):
-            yield f"entry point {point.value!r}", point.name, _Pending(point)
+                        yield name, "", word, kind
+        # A distribution that two folders of the path hold is there once
+        points = {(p.name, p.value): p for p in reversed(list(entry_points(group=self.group)))}
+        for (name, value), point in sorted(points.items()):
+            yield value, point.dist.name if point.dist else "", name, _Pending(point)
 
-    def _loaded(self, point: Any) -> Kind:
-        place = f"entry point {point.value!r} of {self.group}"
+    def _loaded(self, pending: _Pending) -> Kind:
+        point = pending.point
+        distribution = point.dist.name if point.dist else ""
+        place = f"{_place(point.value, distribution)}, registered under {self.group}"
         try:
             kind = point.load()
-        except (ImportError, AttributeError) as error:
+        except Exception as error:
+            # Whatever the module of somebody else does while it is loaded
             raise RayMapError(
-                f"{place} cannot be loaded ({error}); mend or uninstall its distribution"
+                f"{place}, cannot be loaded ({type(error).__name__}: {error}); upgrade or "
+                f"uninstall {distribution or 'its distribution'}"
             ) from error
         wanted = self._of
         fits = wanted is None or isinstance(kind, wanted)
@@ -109,7 +173,7 @@ class Registry(Mapping[str, Kind]):
     def __getitem__(self, word: str) -> Kind:
         kind = self._all()[word]
         if isinstance(kind, _Pending):
-            kind = self._loaded(kind.point)
+            kind = self._loaded(kind)
             self._all()[word] = kind
         return kind
 
@@ -121,3 +185,7 @@ class Registry(Mapping[str, Kind]):
 
     def __len__(self) -> int:
         return len(self._all())
+
+
+def _place(origin: str, distribution: str) -> str:
+    return f"{origin!r} of the distribution {distribution!r}" if distribution else origin

@@ -103,20 +103,21 @@ def test_mistyped_words_of_others_are_hinted_at_and_units_checked(
 
 
 @pytest.mark.parametrize(
-    ("value", "told"),
+    ("word", "value", "told"),
     [
-        ("raymap_example_kinds.nothing:ATOM", "cannot be loaded (ModuleNotFoundError"),
-        ("raymap_example_kinds.longest_leg:longest_legs", "is none of the atoms of criteria"),
-        ("query.atoms.hit:ATOM", "takes the word 'hit' among the atoms of criteria"),
+        ("wrong", "raymap_example_kinds.nothing:A", "cannot be loaded (ModuleNotFoundError"),
+        ("wrong", "raymap_example_kinds.longest_leg:longest_legs", "is no Atom"),
+        ("wrong", "raymap_example_kinds.longest_leg:LongestLeg", "is called 'wrong', but its kind"),
+        ("hit", "raymap_example_kinds.longest_leg:LongestLeg", "there is a kind 'hit' of"),
     ],
 )
 def test_one_that_cannot_be_used_is_named_with_a_remedy(
-    tmp_path: Path, map_file: Path, value: str, told: str
+    tmp_path: Path, map_file: Path, word: str, value: str, told: str
 ) -> None:
-    site = install(tmp_path, {"raymap.atoms": {"wrong": value}})
-    done = run(site, "-m", "raymap", "query", str(map_file), "bounces > 1")
+    site = install(tmp_path, {"raymap.atoms": {word: value}})
+    done = run(site, "-m", "raymap", "query", str(map_file), f"{word} > 1")
     assert done.returncode == 1
     [line] = done.stderr.splitlines()
     assert line.startswith("error: ")
     assert told in line
-    assert "uninstall raymap-example-kinds" in line
+    assert "raymap-example-kinds" in line

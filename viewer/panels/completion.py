@@ -114,7 +114,7 @@ def _names(before: str, directory: Directory, *, closed: bool) -> tuple[int, lis
 def _words(typed: str) -> list[Completion]:
     """Atoms of the language."""
     found = []
-    for atom in ATOMS:
+    for atom in ATOMS.kinds():
         if atom.word.startswith(typed):
             insert, back = atom.opening()
             found.append(Completion(text=atom.word, kind=atom.title, insert=insert, back=back))

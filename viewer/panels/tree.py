@@ -196,7 +196,7 @@ def count_node(tree: Tree, place: Place, compare: str, value: int) -> Tree:
 
 def mouse_kinds() -> list[type[Condition]]:
     """Conditions that are built with the mouse: they say how they begin."""
-    return [kind for kind in ATOMS if getattr(kind, "phrase", "")]
+    return [kind for kind in ATOMS.kinds() if getattr(kind, "phrase", "")]
 
 
 def make_atom(kind: str, name: str = "*", event: str = "") -> Tree:

@@ -15,7 +15,7 @@ from query.engine.context import RayContext
 from query.expression.atom import Comparison, Quantity
 from raymap.jit.kernels import kernel
 
-__all__ = ["ATOM", "LongestLeg"]
+__all__ = ["KINDS", "LongestLeg"]
 
 
 class LongestLeg(Quantity):
@@ -59,4 +59,4 @@ def longest_legs(
     return out
 
 
-ATOM = LongestLeg
+KINDS = (LongestLeg,)

@@ -13,7 +13,7 @@ from query.expression.arguments import Names
 from query.expression.atom import Condition
 from query.expression.words import canonical_names
 
-__all__ = ["ATOM", "MeetsTwice"]
+__all__ = ["KINDS", "MeetsTwice"]
 
 
 @dataclass(frozen=True)
@@ -50,4 +50,4 @@ class BoundMeetsTwice(BoundNode):
         return exactly(found)
 
 
-ATOM = MeetsTwice
+KINDS = (MeetsTwice,)
