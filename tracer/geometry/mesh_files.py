@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import warnings
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal
 
@@ -22,6 +23,7 @@ from tracer.geometry.mesh import (
     smooth_normals,
 )
 from tracer.geometry.mesh_scene import count_crossing_edges
+from tracer.geometry.polygon_files import with_triangles
 
 __all__ = ["FaceRule", "load_mesh"]
 
@@ -131,6 +133,14 @@ class _Beside:
         return []
 
 
+class _Named(BytesIO):
+    """Bytes with the name of a file, by which trimesh calls parts without a name."""
+
+    def __init__(self, data: bytes, name: str) -> None:
+        super().__init__(data)
+        self.name = name
+
+
 def _read(
     file: Path, body: str
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], list[str], NDArray[np.uint8] | None]:
@@ -167,7 +177,14 @@ def _read(
         # Nothing looks at textures, whose pixels may be many
         options["skip_materials"] = True
     try:
-        scene = trimesh.load_scene(file, **options)
+        given = file.read_bytes()
+        changed = with_triangles(given, file.suffix, f"mesh {body!r}: {file.name}")
+        if changed is given:
+            scene = trimesh.load_scene(file, **options)
+        else:
+            suffix = file.suffix.lower().removeprefix(".")
+            stream = _Named(changed, file.name)
+            scene = trimesh.load_scene(stream, file_type=suffix, **options)
     except RayMapError as error:
         # Of a file that this one names
         raise SceneError(f"mesh {body!r}: {file.name}: {error}") from None
