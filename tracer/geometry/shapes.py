@@ -361,7 +361,10 @@ class SphereCap:
         )
 
     def mesh(self, segments: int = SEGMENTS) -> Mesh:
-        profile = _cap_profile(self.radius, self.sag, _rings(segments))
+        # More than a sixth of a circle: rings as close as the corners of its largest circle
+        stop = math.acos(max(-1.0, 1.0 - self.sag / self.radius))
+        rings = max(_rings(segments), math.ceil(segments * stop / (2.0 * math.pi) - 1e-9))
+        profile = _cap_profile(self.radius, self.sag, rings)
         return _revolve(self.vertex, self.axis, profile, segments, self.side)
 
 
