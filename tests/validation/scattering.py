@@ -48,13 +48,9 @@ def glass_plate() -> list[Row]:
     ]
 
 
-@check(
-    what="Light that ABg (0.004, 0.05, 2) scatters at normal incidence, whatever R",
-    source="Closed integral of the BSDF: π A ln(1 + 1/B)",
-)
-def abg_share() -> list[Row]:
+def _abg_rows(abg: tuple[float, float, float], expected: float) -> list[Row]:
+    """Shares of light that a mirror of several reflectances scatters at normal incidence."""
     rays = 200_000
-    expected = math.pi * 0.004 * math.log(1.0 + 1.0 / 0.05)
     rows = []
     for reflectance in (0.05, 0.5, 1.0):
         scene = compiled(
@@ -62,7 +58,7 @@ def abg_share() -> list[Row]:
             [surfaces.m]
             kind = "mirror"
             reflectance = {reflectance}
-            scatter = {{ abg = [0.004, 0.05, 2] }}
+            scatter = {{ abg = {list(abg)} }}
             [bodies.p]
             kind = "disc"
             outer = 50
@@ -88,3 +84,22 @@ def abg_share() -> list[Row]:
             )
         )
     return rows
+
+
+@check(
+    what="Light that ABg (0.004, 0.05, 2) scatters at normal incidence, whatever R",
+    source="Closed integral of the BSDF: π A ln(1 + 1/B)",
+)
+def abg_share() -> list[Row]:
+    return _abg_rows((0.004, 0.05, 2.0), math.pi * 0.004 * math.log(1.0 + 1.0 / 0.05))
+
+
+@check(
+    what="Light that ABg (0.004, 0.05, 2.2) scatters at normal incidence, whatever R",
+    source="2π ∫ A β/(B + β^g) dβ from 0 to 1, β = sin θ, by Gauss and Kronrod (SciPy)",
+)
+def abg_share_of_any_power() -> list[Row]:
+    from scipy.integrate import quad
+
+    integral, _ = quad(lambda beta: beta / (0.05 + beta**2.2), 0.0, 1.0)
+    return _abg_rows((0.004, 0.05, 2.2), 2.0 * math.pi * 0.004 * integral)

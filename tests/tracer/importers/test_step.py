@@ -394,7 +394,7 @@ position = [0, 0, 50]
         export_3d(ray_map, tmp_path / f"void{suffix}")
     bodies = trimesh.load_scene(tmp_path / f"void{suffix}").geometry.values()
     volume = sum(body.volume for body in bodies if hasattr(body, "faces"))
-    assert volume == pytest.approx(1000.0 - 36.0 * math.pi, rel=0.01)
+    assert volume == pytest.approx(1000.0 - 36.0 * math.pi, rel=0.001)
 
 
 # -- what triangles do to reflected light -------------------------------------------------------
