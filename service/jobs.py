@@ -149,8 +149,7 @@ def _compile(arguments: dict[str, Any], mirror: SceneMirror) -> Any:
     """Read, check and compile the scene, by the compiler of its kind."""
     from tracer.description.named_files import reading_through
     from tracer.run.traces import trace_of
-    from tracer.scene.files import scene_suffixes
-    from tracer.scene.load import OTHER_FILES, load_scene, parse_scene
+    from tracer.scene.load import is_of_other_program, load_scene, parse_scene
 
     with reading_through(mirror):
         name, options = arguments["scene"], arguments["selected"]
@@ -158,7 +157,7 @@ def _compile(arguments: dict[str, Any], mirror: SceneMirror) -> Any:
             scene = parse_scene(arguments["text"], folder=mirror.place, **options)
         else:
             copy = mirror(mirror.place / name)
-            if copy.suffix.lower() in (*scene_suffixes(), *OTHER_FILES):
+            if is_of_other_program(copy):
                 scene = load_scene(copy, **options)
             else:
                 # Whatever else it is called, it is read as TOML

@@ -2,7 +2,7 @@
 
 These are the doors for files of photometry and of rays: a reader turns its file into one of the two
 classes, and a source of kind ``intensity`` or ``rays`` emits it. Readers are found by the ending of
-the file's name in `READERS`.
+the file's name in `LIGHT_FORMATS`.
 
 Angles are those of CIE type C photometry (CIE 121): gamma is counted from the first axis of the
 light, which is the axis of the source in a scene. C planes turn about it, counter-clockwise for
@@ -17,7 +17,6 @@ import hashlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
 
@@ -25,25 +24,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from raymap.model.errors import SceneError
+from raymap.model.fileformat import (
+    FileFormat,
+    by_content,
+    by_suffix,
+    known_suffixes,
+    suffixes_of,
+)
 from raymap.model.givenfile import check_given
+from raymap.model.registry import Registry
 
-__all__ = ["READERS", "IntensityGrid", "Opening", "RayList", "read_light"]
+__all__ = ["LIGHT_FORMATS", "IntensityGrid", "LightFormat", "Opening", "RayList", "read_light"]
 
 Array = NDArray[np.float64]
 FluxUnit = Literal["W", "lm"]
-
-READERS: dict[str, str] = {
-    ".ies": "tracer.photometry.lm63:read",
-    ".ldt": "tracer.photometry.eulumdat:read",
-    ".tm25ray": "tracer.ray_files:read",
-    ".sdf": "tracer.ray_files:read",
-    ".dat": "tracer.ray_files:read",
-}
-"""Reader by suffix, "module:function": (path: Path) -> IntensityGrid | RayList; that of ray files
-takes ``flux_from``, too.
-
-A reader raises `SceneError` in one clear line for a file that it cannot use.
-"""
 
 
 OpeningShape = Literal[
@@ -292,13 +286,34 @@ class RayList:
         return _digest(self.positions, self.directions, self.flux, nm, rgb, rest)
 
 
-Reader = Callable[..., IntensityGrid | RayList]
+@dataclass(frozen=True, kw_only=True)
+class LightFormat(FileFormat):
+    """Files of light.
+
+    Attributes
+    ----------
+    read : what the file emits; raises `SceneError` in one clear line for a file that it cannot use.
+        Its second argument says what counts where the header of a ray file states another flux than
+        its rays carry, the "header" or the "rays"
+    """
+
+    read: Callable[[Path, Literal["header", "rays"]], IntensityGrid | RayList]
+
+
+LIGHT_FORMATS: Registry[LightFormat] = Registry(
+    "tracer.light_formats",
+    "tracer.photometry",
+    words=suffixes_of,
+    of=LightFormat,
+    sort="files of light that sources emit",
+)
+"""Formats by suffix."""
 
 
 def read_light(
     path: Path, *, flux_from: Literal["header", "rays"] = "header"
 ) -> IntensityGrid | RayList:
-    """Read a file of photometry or rays with the reader of its suffix.
+    """Read a file of photometry or rays, known by its suffix, else by its first bytes.
 
     Parameters
     ----------
@@ -308,18 +323,17 @@ def read_light(
     Raises
     ------
     SceneError
-        for a file that is not there or that no reader knows
+        for a file that is not there or of no known format
     """
-    place = READERS.get(path.suffix.lower())
-    if place is None:
-        known = ", ".join(READERS) or "none"
-        raise SceneError(f"no reader for {path.name!r}; files may end in {known}")
-    check_given(path, "file", SceneError)
-    module, _, function = place.partition(":")
-    reader: Reader = getattr(import_module(module), function)
-    options = {} if flux_from == "header" else {"flux_from": flux_from}
     try:
-        return reader(path, **options) if module == "tracer.ray_files" else reader(path)
+        found = by_suffix(LIGHT_FORMATS, path)
+        if found is None and path.is_file():
+            found = by_content(LIGHT_FORMATS, path)
+        if found is None:
+            known = known_suffixes(LIGHT_FORMATS.kinds())
+            raise SceneError(f"no reader for {path.name!r}; files may end in {known}")
+        check_given(path, "file", SceneError)
+        return found.read(path, flux_from)
     except OSError as error:
         raise SceneError(f"{path.name} cannot be read: {error.strerror or error}") from None
 

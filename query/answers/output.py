@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from raymap.model.errors import MapExists, RayMapError
 from raymap.model.replacing import refuse_existing
-from raymap.rayfiles.formats import SUFFIXES as RAY_FILES
+from raymap.rayfiles.formats import RAY_FORMATS
 
 if TYPE_CHECKING:
     from query.answers.selection import Selection
@@ -29,7 +29,7 @@ def check_target(path: Path, rows: str, *, force: bool) -> None:
     ------
     RayMapError, MapExists
     """
-    if path.suffix.lower() in RAY_FILES:
+    if path.suffix.lower() in RAY_FORMATS:
         raise RayMapError(
             f"{path.name} is a ray file: say where the rays are taken with "
             f"raymap rayfile MAP PLACE [CRITERION] -o {path.name}"

@@ -16,7 +16,12 @@ __all__ = ["import_"]
 
 
 def import_(
-    file: Annotated[Path, typer.Argument(help="A Zemax ray database (.zrd), uncompressed.")],
+    file: Annotated[
+        Path,
+        typer.Argument(
+            help="A file of rays that another program traced; raymap kinds lists the formats."
+        ),
+    ],
     output: Annotated[Path, typer.Option("--output", "-o", help="The ray map to write.")],
     names: Annotated[
         Path | None, typer.Option(help='TOML with names by number: 3 = "lens", "3.1" = "front".')
@@ -30,14 +35,9 @@ def import_(
     json: Json = False,
 ) -> None:
     """Make a ray map of what another program recorded."""
-    from raymap.foreign.zrd_map import import_zrd
+    from raymap.foreign.formats import import_recorded
 
-    if file.suffix.lower() != ".zrd":
-        raise RayMapError(
-            f"{file.name}: only Zemax ray databases (.zrd) are imported; rays of programs with a "
-            "Python interface are recorded with raymap.foreign.recorder"
-        )
-    written = import_zrd(
+    written = import_recorded(
         file,
         output,
         names=_read_names(names),
@@ -49,10 +49,8 @@ def import_(
     if json:
         emit_json({"output": str(output)} | written)
         return
-    typer.echo(
-        f"wrote {output}: {written['rays']:,} rays, {written['records']:,} records of "
-        f"{written['trees']:,} ray trees"
-    )
+    trees = f" of {written['trees']:,} ray trees" if "trees" in written else ""
+    typer.echo(f"wrote {output}: {written['rays']:,} rays, {written['records']:,} records{trees}")
 
 
 def _read_names(path: Path | None) -> dict[str, str]:

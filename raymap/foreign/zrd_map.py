@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.file.writer import RayMapWriter
+from raymap.foreign.recorded import RecordedFormat
 from raymap.foreign.zrd import FATAL, Trees, ZrdFile
 from raymap.model.directory import (
     BoundingSphere,
@@ -369,3 +370,13 @@ def _happened(s: NDArray[np.void], position: Floats, at: Ints) -> Ints:
 def _unit(vectors: Floats) -> Floats:
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.asarray(vectors / np.where(length > 0, length, 1.0))
+
+
+KINDS = (
+    RecordedFormat(
+        suffixes=(".zrd",),
+        title="ray databases of Zemax OpticStudio, uncompressed",
+        place=10,
+        write_map=import_zrd,
+    ),
+)

@@ -5,16 +5,18 @@
 >>> rayfiles.write(rays, "led.sdf")                                      # doctest: +SKIP
 
 One module per format: `raymap.rayfiles.tm25` (IES TM-25) and `raymap.rayfiles.zemax` (Zemax source
-files, .dat and .sdf). `RaySet` is what they have in common: plain arrays with units.
+files, .dat and .sdf); others register theirs under the entry-point group ``raymap.ray_formats``.
+`RaySet` is what they have in common: plain arrays with units.
 """
 
 from __future__ import annotations
 
-from raymap.rayfiles.formats import SUFFIXES, RayFileWriter, create, read, write
+from raymap.rayfiles.format import RayFileWriter
+from raymap.rayfiles.formats import RAY_FORMATS, create, read, write
 from raymap.rayfiles.rays import FluxFrom, RayFileError, RaySet, Spectrum
 
 __all__ = [
-    "SUFFIXES",
+    "RAY_FORMATS",
     "FluxFrom",
     "RayFileError",
     "RayFileWriter",

@@ -6,24 +6,25 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Literal
 
+from raymap.model.fileformat import by_content, by_suffix, known_suffixes, suffixes_of
 from raymap.model.givenfile import check_given, not_readable
+from raymap.model.registry import Registry
 from raymap.model.replacing import refuse_existing, replacing
-from raymap.rayfiles import tm25, zemax
+from raymap.rayfiles.format import RayFileWriter, RayFormat
 from raymap.rayfiles.rays import FluxFrom, RayFileError, RaySet
 
-__all__ = ["SUFFIXES", "RayFileWriter", "create", "read", "write"]
+__all__ = ["RAY_FORMATS", "create", "read", "write"]
 
-SUFFIXES = (".tm25ray", ".dat", ".sdf")
-"""Endings of ray files that are written: IES TM-25, Zemax source files."""
-
-
-class RayFileWriter(Protocol):
-    """Takes rays piece by piece; `create` gives one."""
-
-    def append(self, rays: RaySet) -> None:
-        """Write rays, with the columns and units of the set that the file was created for."""
+RAY_FORMATS: Registry[RayFormat] = Registry(
+    "raymap.ray_formats",
+    "raymap.rayfiles",
+    words=suffixes_of,
+    of=RayFormat,
+    sort="formats of ray files",
+)
+"""Formats of ray files by suffix."""
 
 
 def read(path: str | os.PathLike[str], *, flux_from: FluxFrom = "header") -> RaySet:
@@ -43,11 +44,13 @@ def read(path: str | os.PathLike[str], *, flux_from: FluxFrom = "header") -> Ray
     path = Path(path)
     check_given(path, "ray file", RayFileError)
     try:
-        with path.open("rb") as file:
-            start = file.read(4)
-        if start == tm25.MAGIC or path.suffix.lower() == ".tm25ray":
-            return tm25.read(path, flux_from)
-        return zemax.read(path, flux_from)
+        found = by_content(RAY_FORMATS, path) or by_suffix(RAY_FORMATS, path)
+        if found is None:
+            raise RayFileError(
+                f"{path.name} is no ray file that is known; they end in "
+                f"{known_suffixes(RAY_FORMATS.kinds())}"
+            )
+        return found.read(path, flux_from)
     except OSError as error:
         raise RayFileError(not_readable(path, "ray file", error)) from None
 
@@ -74,16 +77,13 @@ def create(
     RayFileError, MapExists
     """
     path = Path(path)
-    suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise RayFileError(f"ray files end in {', '.join(SUFFIXES)}, not {path.name!r}")
+    written = [kind for kind in RAY_FORMATS.kinds() if kind.writer is not None]
+    found = by_suffix(RAY_FORMATS, path)
+    if found is None or found.writer is None:
+        raise RayFileError(f"ray files end in {known_suffixes(written)}, not {path.name!r}")
     refuse_existing(path, force=force)
     with replacing(path) as beside, beside.open("wb") as file:
-        writer: Any
-        if suffix == ".tm25ray":
-            writer = tm25.Tm25Writer(file, like)
-        else:
-            writer = zemax.ZemaxWriter(file, like, version=zemax_version)
+        writer = found.writer(file, like, zemax_version)
         yield writer
         writer.finish()
 

@@ -28,6 +28,7 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.rayfiles.format import RayFormat
 from raymap.rayfiles.rays import FluxFrom, RayFileError, RaySet, Spectrum, checked, with_flux_of
 
 __all__ = ["TEXTS", "Tm25Writer", "read"]
@@ -355,3 +356,15 @@ class Tm25Writer:
         for key in TEXTS:
             raw = texts.get(key, "").encode("utf-32-le")[:_TEXT_BYTES]
             self._file.write(raw + bytes(_TEXT_BYTES - len(raw)))
+
+
+KINDS = (
+    RayFormat(
+        suffixes=(".tm25ray",),
+        title="rays of IES TM-25",
+        place=10,
+        sniff=lambda head: head.startswith(MAGIC),
+        read=read,
+        writer=lambda file, like, version: Tm25Writer(file, like),
+    ),
+)

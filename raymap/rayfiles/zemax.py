@@ -20,6 +20,7 @@ from typing import BinaryIO, Literal, NamedTuple
 
 import numpy as np
 
+from raymap.rayfiles.format import RayFormat
 from raymap.rayfiles.rays import FluxFrom, FluxUnit, RayFileError, RaySet, checked, with_flux_of
 
 __all__ = ["IDENTIFIERS", "ZemaxWriter", "is_binary", "read"]
@@ -269,3 +270,16 @@ class ZemaxWriter:
         )
         self._file.seek(0)
         self._file.write(_HEADER.pack(*head))
+
+
+KINDS = (
+    RayFormat(
+        suffixes=(".dat", ".sdf"),
+        title="source files of Zemax, binary or text",
+        place=20,
+        read=read,
+        writer=lambda file, like, version: ZemaxWriter(
+            file, like, version=1 if version == 1 else 2
+        ),
+    ),
+)

@@ -11,19 +11,20 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from tracer.importers.cad_format import read_cad
+    from tracer.importers.cad_solid import CadSolid
     from tracer.importers.face_list import list_faces
     from tracer.importers.lens_scene import ImportedLens, import_lens
     from tracer.importers.prescription import ImportWarning, Prescription
-    from tracer.importers.step_read import CadSolid, read_step
 
 _HOME = {
-    "CadSolid": "step_read",
+    "CadSolid": "cad_solid",
     "ImportWarning": "prescription",
     "ImportedLens": "lens_scene",
     "Prescription": "prescription",
     "import_lens": "lens_scene",
     "list_faces": "face_list",
-    "read_step": "step_read",
+    "read_cad": "cad_format",
 }
 
 __all__ = [
@@ -33,7 +34,7 @@ __all__ = [
     "Prescription",
     "import_lens",
     "list_faces",
-    "read_step",
+    "read_cad",
 ]
 
 

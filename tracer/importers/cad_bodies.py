@@ -19,8 +19,10 @@ from tracer.bodies.body import Body, FacePlan
 from tracer.bodies.mesh import MeshBody
 from tracer.description.fields import Node, Placed, Positive
 from tracer.description.named_files import named_file
-from tracer.importers.step_read import CadSolid, clean_name, read_step
-from tracer.importers.step_shapes import Placement, shapes_of_face
+from tracer.importers.cad_format import CAD_FORMATS, read_cad
+from tracer.importers.cad_formats.step_read import clean_name
+from tracer.importers.cad_formats.step_shapes import Placement, shapes_of_face
+from tracer.importers.cad_solid import CadSolid
 from tracer.scene.files import FileTable
 
 if TYPE_CHECKING:
@@ -101,7 +103,7 @@ class CadMeshBody(_FromCad, MeshBody):
         )  # fmt: skip
 
     def read(self, folder: Path, name: str) -> TriangleMesh:
-        from tracer.importers.step_mesh import mesh_of_solid
+        from tracer.importers.cad_formats.step_mesh import mesh_of_solid
 
         return mesh_of_solid(
             _solid(self.path, self.part),
@@ -115,7 +117,7 @@ class CadMeshBody(_FromCad, MeshBody):
 
 
 def _solid(path: str, part: str) -> CadSolid:
-    for solid in read_step(path):
+    for solid in read_cad(path):
         if solid.name == part:
             return solid
     raise SceneError(f"{Path(path).name}: no longer holds {part!r}; it was changed while in use")
@@ -144,7 +146,7 @@ def merge_cad_file(
     """
     path = named_file(folder, model.file)
     place = f"{origin}: cad_files.{name}"
-    solids = read_step(path)
+    solids = read_cad(path)
     names = [solid.name for solid in solids]
     chosen = _matching(model.use, names, f"{place}.use")
     chosen -= _matching(model.leave_out, names, f"{place}.leave_out")
@@ -281,4 +283,9 @@ def _digest(path: str, modified: int) -> str:
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()[:32]
 
 
-CAD_FILES = FileTable(name="cad_files", model=CadFileModel, merge=merge_cad_file)
+CAD_FILES = FileTable(
+    name="cad_files",
+    model=CadFileModel,
+    merge=merge_cad_file,
+    body_suffixes=tuple(CAD_FORMATS),
+)

@@ -21,7 +21,7 @@ def faces(
     file: Annotated[
         Path,
         typer.Argument(
-            help="STEP, STL, OBJ, PLY, glTF, .zmx, .seq or a scene (TOML).", show_default=False
+            help="CAD, mesh or lens file (raymap kinds), or a scene (TOML).", show_default=False
         ),
     ],
     json: Json = False,

@@ -8,7 +8,8 @@ from typing import Any
 from raymap.model.errors import SceneError
 from tracer.description.fields import Placed
 from tracer.description.named_files import named_file
-from tracer.importers.lens_scene import LENS_SUFFIXES, OTHER_LENS_FILES, import_lens
+from tracer.importers.lens_format import LENS_FORMATS
+from tracer.importers.lens_scene import import_lens
 from tracer.importers.toml_text import toml_text
 from tracer.scene.files import FileTable
 
@@ -78,6 +79,6 @@ LENS_FILES = FileTable(
     name="lens_files",
     model=LensFileModel,
     merge=merge_lens_file,
-    scene_suffixes=(*LENS_SUFFIXES, *OTHER_LENS_FILES),
+    scene_suffixes=tuple(LENS_FORMATS),
     scene_text=scene_text_of,
 )

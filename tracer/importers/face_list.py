@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.model.errors import SceneError
+from raymap.model.fileformat import known_suffixes
 from tracer.bodies.body import Body
 from tracer.bodies.lens import LensBody
 from tracer.geometry.shapes import (
@@ -26,7 +27,7 @@ from tracer.geometry.shapes import (
 
 if TYPE_CHECKING:
     from tracer.importers.cad_bodies import CadBody, CadMeshBody
-    from tracer.importers.step_read import CadSolid
+    from tracer.importers.cad_solid import CadSolid
 
 __all__ = ["list_faces"]
 
@@ -49,12 +50,13 @@ def list_faces(path: str | Path) -> dict[str, Any]:
     SceneError
         for a file that cannot be read
     """
+    from tracer.importers.cad_format import CAD_FORMATS
     from tracer.scene.files import scene_suffixes
 
     path = Path(path)
     suffix = path.suffix.lower()
-    if suffix in (".step", ".stp", ".p21"):
-        unit, bodies = "mm", _of_step(path)
+    if suffix in CAD_FORMATS:
+        unit, bodies = "mm", _of_cad(path)
     elif suffix in MESH_SUFFIXES:
         unit, bodies = "", [_of_mesh_file(path)]
     elif suffix == ".toml" or suffix in scene_suffixes():
@@ -62,13 +64,14 @@ def list_faces(path: str | Path) -> dict[str, Any]:
     else:
         raise SceneError(
             f"{path.name}: {suffix or 'a file without suffix'} is not understood; faces are listed "
-            "of .step, .stp, .stl, .obj, .ply, .gltf, .glb, .zmx, .seq and .toml"
+            f"of {known_suffixes(CAD_FORMATS.kinds())}, {', '.join(MESH_SUFFIXES)}, "
+            f"{', '.join(scene_suffixes())} and .toml"
         )
     return {"file": path.name, "length_unit": unit or None, "bodies": bodies}
 
 
-def _of_step(path: Path) -> list[Row]:
-    from tracer.importers.step_read import read_step
+def _of_cad(path: Path) -> list[Row]:
+    from tracer.importers.cad_format import read_cad
 
     return [
         {
@@ -78,7 +81,7 @@ def _of_step(path: Path) -> list[Row]:
             "color": solid.color or None,
             "faces": _solid_faces(solid, 1.0),
         }
-        for solid in read_step(path)
+        for solid in read_cad(path)
     ]
 
 
@@ -96,9 +99,9 @@ def _solid_faces(solid: CadSolid, scale: float) -> list[Row]:
 
 def _cad_faces(body: CadBody | CadMeshBody) -> list[Row]:
     """The faces of a CAD body as the CAD program has them, not as triangles."""
-    from tracer.importers.step_read import read_step
+    from tracer.importers.cad_format import read_cad
 
-    (solid,) = (solid for solid in read_step(body.path) if solid.name == body.part)
+    (solid,) = (solid for solid in read_cad(body.path) if solid.name == body.part)
     return _solid_faces(solid, body.mm)
 
 

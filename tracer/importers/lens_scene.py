@@ -21,34 +21,20 @@ from raymap.model.errors import SceneError
 from raymap.model.units import length_scale
 from tracer.description.fields import Placed
 from tracer.importers.bundles import Bundles, LitField
-from tracer.importers.codev import read_codev
 from tracer.importers.elements import Disc, Elements, build_elements
 from tracer.importers.image import Image, find_image
+from tracer.importers.lens_format import read_prescription
 from tracer.importers.lens_glass import medium_of_glass
 from tracer.importers.parts import Part, PartFace
 from tracer.importers.prescription import GlassName, ImportWarning, Prescription
 from tracer.importers.sequence import Sequence
 from tracer.importers.solves import solved
-from tracer.importers.zemax import read_zemax
 from tracer.scene.media import refractive_index
 from tracer.scene.model import MediumModel
 
-__all__ = ["LENS_SUFFIXES", "OTHER_LENS_FILES", "ImportedLens", "import_lens", "read_prescription"]
+__all__ = ["ImportedLens", "import_lens"]
 
 Array = NDArray[np.float64]
-
-LENS_SUFFIXES = {".zmx": read_zemax, ".seq": read_codev}
-"""Readers of lens files by suffix."""
-
-OTHER_LENS_FILES = {
-    ".zar": "an archive of OpticStudio; open it there and save the lens as .zmx",
-    ".zos": "a file of OpticStudio that is no text; open it there and save the lens as .zmx",
-    ".zmf": "a catalogue of lenses of OpticStudio; open one there and save the lens as .zmx",
-    ".len": "a lens of CODE V or OSLO that is not understood; save the lens as .seq or .zmx",
-    ".roa": "a lens of ray-optics, which is not understood; save the lens as .zmx or .seq in the "
-    "program that it comes from",
-}  # fmt: skip
-"""What other files of lenses are, by suffix, and what to do."""
 
 IMAGE_CELLS = 256
 IMAGE_SHELL = 0.1
@@ -56,24 +42,6 @@ IMAGE_SHELL = 0.1
 
 BLACK = "black"
 SUBSTRATE = "substrate"
-
-
-def read_prescription(path: str | Path) -> Prescription:
-    """The lens of a file, by its suffix.
-
-    Raises
-    ------
-    SceneError
-        for an unknown suffix, or a file that its reader refuses
-    """
-    path = Path(path)
-    reader = LENS_SUFFIXES.get(path.suffix.lower())
-    if path.suffix.lower() in OTHER_LENS_FILES:
-        raise SceneError(f"{path.name}: is {OTHER_LENS_FILES[path.suffix.lower()]}")
-    if reader is None:
-        known = ", ".join(LENS_SUFFIXES)
-        raise SceneError(f"{path.name}: no lens file ({known} are understood)")
-    return reader(path)
 
 
 def import_lens(

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from raymap.model.errors import SceneError
 from raymap.model.textfile import plain_number, text_lines
-from tracer.light import IntensityGrid
+from tracer.light import IntensityGrid, LightFormat
 from tracer.photometry.luminous_opening import opening_of_eulumdat
 
 __all__ = ["read"]
@@ -193,3 +193,13 @@ def _planes(name: str, symmetry: int, planes: NDArray[np.float64]) -> NDArray[np
             f"C{used[0] % 360:g} to C{used[-1] % 360:g}"
         )
     return np.asarray(used)
+
+
+KINDS = (
+    LightFormat(
+        suffixes=(".ldt",),
+        title="luminaires of EULUMDAT",
+        place=20,
+        read=lambda path, flux_from: read(path),
+    ),
+)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from raymap.model.errors import SceneError
 from raymap.model.textfile import plain_number, text_lines
-from tracer.light import IntensityGrid
+from tracer.light import IntensityGrid, LightFormat
 from tracer.photometry.goniometer import Readings, grid_of_type_a, grid_of_type_b
 from tracer.photometry.luminous_opening import opening_of_lm63
 
@@ -138,3 +138,14 @@ def _count(name: str, numbers: NDArray[np.float64], place: int, what: str) -> in
     if not (1 <= value <= _MOST_ANGLES and value == int(value)):
         raise SceneError(f"{name}: {value:g} {what}")
     return int(value)
+
+
+KINDS = (
+    LightFormat(
+        suffixes=(".ies",),
+        title="luminaires of IES LM-63",
+        place=10,
+        sniff=lambda head: head.lstrip().startswith(b"IESNA"),
+        read=lambda path, flux_from: read(path),
+    ),
+)

@@ -14,7 +14,7 @@ from pydantic import BaseModel
 
 from raymap.model.registry import Registry
 
-__all__ = ["FILE_TABLES", "FileTable", "scene_suffixes", "table_of_scene_file"]
+__all__ = ["FILE_TABLES", "FileTable", "scene_suffixes", "table_of_bodies", "table_of_scene_file"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,6 +29,7 @@ class FileTable:
         name and model, the scene's folder, and the scene's name for messages
     scene_suffixes : of files that are scenes on their own, or are refused with what they are
     scene_text : such a file as the text of a scene
+    body_suffixes : of files that a table takes, which are no scenes
     """
 
     name: str
@@ -36,6 +37,7 @@ class FileTable:
     merge: Callable[[dict[str, Any], str, Any, Path, str], None]
     scene_suffixes: tuple[str, ...] = ()
     scene_text: Callable[[Path], str] | None = None
+    body_suffixes: tuple[str, ...] = ()
 
 
 FILE_TABLES: Registry[FileTable] = Registry(
@@ -52,4 +54,11 @@ def table_of_scene_file(path: Path) -> FileTable | None:
     """What takes a file as a scene; None where nothing does."""
     wanted = path.suffix.lower()
     found = (table for table in FILE_TABLES.values() if wanted in table.scene_suffixes)
+    return next(found, None)
+
+
+def table_of_bodies(path: Path) -> FileTable | None:
+    """What takes a file into a scene that is none itself; None where nothing does."""
+    wanted = path.suffix.lower()
+    found = (table for table in FILE_TABLES.values() if wanted in table.body_suffixes)
     return next(found, None)

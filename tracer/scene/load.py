@@ -15,8 +15,9 @@ from raymap.model.givenfile import given_text
 from raymap.model.names import nearest_names
 from tracer.bodies.body import Body
 from tracer.bodies.registry import BODIES
+from tracer.geometry.mesh_files import SUFFIXES as MESH_SUFFIXES
 from tracer.scene.copies import CopiesModel, with_copies
-from tracer.scene.files import FILE_TABLES, table_of_scene_file
+from tracer.scene.files import FILE_TABLES, table_of_bodies, table_of_scene_file
 from tracer.scene.model import (
     DetectorModel,
     MediumModel,
@@ -26,15 +27,10 @@ from tracer.scene.model import (
 )
 from tracer.scene.selecting import KINDS, SimulationModel, select_parts
 
-__all__ = ["load_scene", "parse_scene"]
+__all__ = ["is_of_other_program", "load_scene", "parse_scene"]
 
 _MESH = '[bodies.NAME] with kind = "mesh", file and scale'
-_CAD = "[cad_files.NAME] with file"
-OTHER_FILES = {
-    ".step": _CAD, ".stp": _CAD, ".p21": _CAD, ".stl": _MESH, ".obj": _MESH, ".ply": _MESH,
-    ".gltf": _MESH, ".glb": _MESH,
-}  # fmt: skip
-"""Files of bodies alone, and how a scene takes them."""
+"""How a scene takes a mesh file."""
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -72,6 +68,12 @@ _NAMED: dict[str, type[BaseModel]] = {
 }
 
 
+def is_of_other_program(path: Path) -> bool:
+    """Whether a file's suffix is that of a format of another program: a lens, solids, a mesh."""
+    tables = (table_of_scene_file(path), table_of_bodies(path))
+    return path.suffix.lower() in MESH_SUFFIXES or any(table is not None for table in tables)
+
+
 def load_scene(
     path: str | Path, *, variants: Sequence[str] = (), simulation: str | None = None
 ) -> Scene:
@@ -99,10 +101,14 @@ def load_scene(
                 origin=path.name,
                 folder=path.parent,
             )
-        if path.suffix.lower() in OTHER_FILES:
+        bodies = table_of_bodies(path)
+        taken = f"[{bodies.name}.NAME] with file" if bodies is not None else ""
+        if path.suffix.lower() in MESH_SUFFIXES:
+            taken = _MESH
+        if taken:
             raise SceneError(
                 f"{path.name}: has no light and no detectors; write a scene file that takes it: "
-                f"{OTHER_FILES[path.suffix.lower()]}"
+                f"{taken}"
             )
     text = given_text(path, "scene file", SceneError)
     return parse_scene(

@@ -112,7 +112,7 @@ def test_any_rays_come_back(tmp_path_factory: object, n: int, seed: int, colored
     folder = tmp_path_factory.mktemp("rays")  # type: ignore[attr-defined]
     nm = np.full(n, 555, np.float32) if colored else None
     rays = some_rays(n, seed, wavelength_nm=nm)
-    for suffix in rayfiles.SUFFIXES:
+    for suffix in rayfiles.RAY_FORMATS:
         path = rayfiles.write(rays, folder / f"r{suffix}")
         same(rays, rayfiles.read(path), wavelength=1e-6)
 

@@ -25,7 +25,7 @@ from OCP.TopoDS import TopoDS_Compound
 from OCP.XCAFApp import XCAFApp_Application
 from OCP.XCAFDoc import XCAFDoc_ColorType, XCAFDoc_DocumentTool
 
-from tracer.importers.occt import occt
+from tracer.importers.cad_formats.occt import occt
 
 occt("gp")  # silences the library
 

@@ -19,11 +19,11 @@ from raymap.cli import application
 from raymap.model.errors import RayMapError, SceneError
 from tracer.bodies.lens import LensBody
 from tracer.bodies.ring import RingBody
-from tracer.importers.codev import parse_codev
+from tracer.importers.lens_formats.codev import parse_codev
+from tracer.importers.lens_formats.zemax import parse_zemax, read_zemax
 from tracer.importers.lens_scene import import_lens
 from tracer.importers.prescription import ImportWarning
 from tracer.importers.toml_text import toml_text
-from tracer.importers.zemax import parse_zemax, read_zemax
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import load_scene, parse_scene
 from tracer.transport.trace import trace_rays

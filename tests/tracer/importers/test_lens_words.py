@@ -17,12 +17,12 @@ from typer.testing import CliRunner
 from raymap.cli import application
 from raymap.model.errors import SceneError
 from tests.tracer.importers.lens_texts import codev, opened, zemax
-from tracer.importers import codev_words, zemax_words
-from tracer.importers.codev import parse_codev
 from tracer.importers.face_list import list_faces
-from tracer.importers.lens_scene import read_prescription
+from tracer.importers.lens_format import read_prescription
+from tracer.importers.lens_formats import codev_words, zemax_words
+from tracer.importers.lens_formats.codev import parse_codev
+from tracer.importers.lens_formats.zemax import parse_zemax
 from tracer.importers.prescription import ImportWarning
-from tracer.importers.zemax import parse_zemax
 from tracer.scene.load import load_scene, parse_scene
 
 N = 1.51680

@@ -28,10 +28,10 @@ from tests.tracer.importers.step_files import Part, faces_only, write_step
 from tracer.geometry.mesh import TriangleMesh
 from tracer.geometry.shapes import Cylinder, Frustum, SphereCap
 from tracer.importers.cad_bodies import CadBody, CadMeshBody
+from tracer.importers.cad_formats.step_error import reflection_error_mrad
+from tracer.importers.cad_formats.step_mesh import mesh_of_solid
+from tracer.importers.cad_formats.step_read import read_step
 from tracer.importers.prescription import ImportWarning
-from tracer.importers.step_error import reflection_error_mrad
-from tracer.importers.step_mesh import mesh_of_solid
-from tracer.importers.step_read import read_step
 from tracer.run.recording import record
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import load_scene, parse_scene

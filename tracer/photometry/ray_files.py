@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from raymap import rayfiles
 from raymap.model.errors import SceneError
 from raymap.optics.colorimetry import xyz_to_linear_srgb
-from raymap.rayfiles import FluxFrom, RayFileError, RaySet
-from tracer.light import RayList
+from raymap.rayfiles import RAY_FORMATS, FluxFrom, RayFileError, RaySet
+from tracer.light import LightFormat, RayList
 
 __all__ = ["read"]
 
@@ -77,3 +77,16 @@ def _quantiles(
     shares = np.interp(fine, nm[order], power[order])
     running = np.concatenate([[0.0], np.cumsum(0.5 * (shares[1:] + shares[:-1]))])
     return np.asarray(np.interp(level * running[-1], running, fine))
+
+
+KINDS = tuple(
+    LightFormat(
+        suffixes=kind.suffixes,
+        title=kind.title,
+        place=30 + kind.place,
+        sniff=kind.sniff,
+        read=read,
+    )
+    for kind in RAY_FORMATS.kinds()
+)
+"""Every format of ray files, those of other distributions too."""

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from raymap.model.errors import SceneError
 from tracer.geometry.mesh import TriangleMesh, check_solid, faces_by_label, weld
-from tracer.importers.occt import occt
+from tracer.importers.cad_formats.occt import occt
+from tracer.importers.cad_formats.step_error import reflection_error_mrad
+from tracer.importers.cad_formats.step_read import explore
+from tracer.importers.cad_solid import CadFace, CadSolid
 from tracer.importers.prescription import ImportWarning
-from tracer.importers.step_error import reflection_error_mrad
-from tracer.importers.step_read import CadFace, CadSolid, explore
 
 __all__ = ["mesh_of_solid"]
 

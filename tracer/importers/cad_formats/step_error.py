@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tracer.importers.occt import occt
-from tracer.importers.step_read import CadFace
+from tracer.importers.cad_formats.occt import occt
+from tracer.importers.cad_solid import CadFace
 
 __all__ = ["reflection_error_mrad"]
 

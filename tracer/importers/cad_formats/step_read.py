@@ -9,7 +9,7 @@ import math
 import re
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -17,12 +17,12 @@ from typing import Any
 from raymap.model.errors import SceneError
 from raymap.model.givenfile import check_given
 from tracer.description.named_files import is_guarded
-from tracer.importers.occt import occt
+from tracer.importers.cad_formats.occt import occt
+from tracer.importers.cad_solid import CadFace, CadSolid
 from tracer.importers.prescription import ImportWarning
 
-__all__ = ["STEP_SUFFIXES", "CadFace", "CadSolid", "clean_name", "explore", "read_step"]
+__all__ = ["clean_name", "explore", "read_step"]
 
-STEP_SUFFIXES = (".step", ".stp", ".p21")
 LARGEST_BYTES = 2 * 2**30
 
 _REFERENCES = (b"EXTERNAL_IDENTIFICATION_ASSIGNMENT", b"DOCUMENT_FILE", b"EXTERNALLY_DEFINED_ITEM")
@@ -36,30 +36,6 @@ _MADE_UP = re.compile(r"=>\[|NAUO\d*$|^\s*$|Open CASCADE|^\d+$|^NONE$", re.IGNOR
 
 _OF_SHAPES = re.compile(r"^(COMPOUND|COMPSOLID|SOLID|SHELL|FACE|WIRE|EDGE|VERTEX)$")
 """Names that OpenCASCADE gives to shapes for which the file has no product."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class CadFace:
-    """A face of a solid; ``shape`` is OpenCASCADE's, in millimetres; ``color`` "#rrggbb" or ""."""
-
-    name: str
-    shape: Any
-    kind: str
-    area: float
-    color: str = ""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class CadSolid:
-    """A solid in place, lengths in millimetres; ``size`` is the diagonal of its box."""
-
-    origin: str
-    name: str
-    shape: Any
-    volume: float
-    size: float
-    color: str = ""
-    faces: tuple[CadFace, ...] = field(default=())
 
 
 def read_step(path: str | Path) -> tuple[CadSolid, ...]:

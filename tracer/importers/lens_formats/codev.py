@@ -3,7 +3,7 @@
 A file is a list of commands, split by line ends and semicolons; ``&`` goes on with the next line
 and ``!`` begins a comment. ``S radius thickness glass`` starts a surface, the commands after it say
 more about it; ``THI S2 5`` speaks about a surface by its number, wherever it stands. A command is
-read, or known to be harmless (`tracer.importers.codev_words`), or else warned about or refused by
+read, or known to be harmless (`codev_words`), or else warned about or refused by
 name: none is passed over.
 """
 
@@ -19,7 +19,14 @@ from typing import Literal
 
 from raymap.model.errors import SceneError
 from raymap.model.textfile import plain_number, split_lines
-from tracer.importers.codev_words import APERTURES_NOT_ROUND, HARMLESS, MOVED, NOT_TAKEN, TYPES
+from tracer.importers.lens_format import LensFormat
+from tracer.importers.lens_formats.codev_words import (
+    APERTURES_NOT_ROUND,
+    HARMLESS,
+    MOVED,
+    NOT_TAKEN,
+    TYPES,
+)
 from tracer.importers.prescription import (
     Aperture,
     FieldKind,
@@ -738,3 +745,14 @@ _HEAD: dict[str, Callable[[_Reader, list[str]], None]] = {
     "PRE": _Reader._air,
     "PRV": _Reader._begin_private,
 }
+
+
+KINDS = (
+    LensFormat(
+        suffixes=(".seq",),
+        title="lenses of CODE V",
+        place=20,
+        sniff=lambda head: head.lstrip().upper().startswith((b"RDM", b"LEN NEW")),
+        read=read_codev,
+    ),
+)

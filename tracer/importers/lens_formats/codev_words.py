@@ -1,6 +1,6 @@
 """The commands of CODE V lens files: which do not change the lens, and which stop the import.
 
-`tracer.importers.codev` reads what is neither here nor there by itself, and warns of every command
+`codev` reads what is neither here nor there by itself, and warns of every command
 that stands nowhere. ``docs/lens_files.md`` lists what is listed here. Commands count by their first
 three letters.
 """

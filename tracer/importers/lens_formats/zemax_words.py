@@ -1,6 +1,6 @@
 """The words of Zemax lens files: which do not change the lens, and which stop the import.
 
-`tracer.importers.zemax` reads what is neither here nor there by itself, and warns of every word
+`zemax` reads what is neither here nor there by itself, and warns of every word
 that stands nowhere. ``docs/lens_files.md`` lists what is listed here.
 """
 

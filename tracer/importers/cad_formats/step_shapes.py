@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracer.geometry.shapes import Annulus, Cylinder, Frustum, Polygon, Shape, SphereCap
-from tracer.importers.occt import occt
-from tracer.importers.step_read import CadFace, explore
+from tracer.importers.cad_formats.occt import occt
+from tracer.importers.cad_formats.step_read import explore
+from tracer.importers.cad_solid import CadFace
 
 __all__ = ["Placement", "shapes_of_face"]
 

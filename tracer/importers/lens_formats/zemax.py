@@ -3,7 +3,7 @@
 The format is lines of a four-letter word and its values; the lines of a surface stand below
 ``SURF n``, indented by most programs. What is said twice in different versions of the program
 (``WAVM`` and ``WAVL``) is read either way. A word is read, or known to be harmless
-(`tracer.importers.zemax_words`), or else warned about or refused by name: none is passed over.
+(`zemax_words`), or else warned about or refused by name: none is passed over.
 """
 
 from __future__ import annotations
@@ -17,6 +17,15 @@ from typing import Any, Literal
 
 from raymap.model.errors import SceneError
 from raymap.model.textfile import plain_number, split_lines
+from tracer.importers.lens_format import LensFormat
+from tracer.importers.lens_formats.zemax_words import (
+    APERTURES_NOT_ROUND,
+    HARMLESS_IN_HEAD,
+    HARMLESS_IN_SURFACES,
+    TYPES,
+    WORDS_OF_HEAD,
+    WORDS_OF_SURFACES,
+)
 from tracer.importers.prescription import (
     Aperture,
     FieldKind,
@@ -28,14 +37,6 @@ from tracer.importers.prescription import (
     ThicknessSolve,
 )
 from tracer.importers.text import read_text
-from tracer.importers.zemax_words import (
-    APERTURES_NOT_ROUND,
-    HARMLESS_IN_HEAD,
-    HARMLESS_IN_SURFACES,
-    TYPES,
-    WORDS_OF_HEAD,
-    WORDS_OF_SURFACES,
-)
 
 __all__ = ["parse_zemax", "read_zemax"]
 
@@ -720,3 +721,14 @@ def _is_row(values: list[str]) -> bool:
     """Whether values are those of a row of the merit function or of the configurations."""
     numbers = sum(bool(re.fullmatch(r"[-+.\deE]+", value)) for value in values)
     return numbers >= _MERIT_VALUES
+
+
+KINDS = (
+    LensFormat(
+        suffixes=(".zmx",),
+        title="lenses of Zemax OpticStudio, sequential",
+        place=10,
+        sniff=lambda head: b"\nSURF 0" in head.replace(b"\0", b"").replace(b"\r", b""),
+        read=read_zemax,
+    ),
+)

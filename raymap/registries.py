@@ -1,0 +1,16 @@
+"""The registries of this room, by name; ``raymap kinds`` lists what is in them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from raymap.foreign.formats import RECORDED_FORMATS
+from raymap.model.registry import Registry
+from raymap.rayfiles.formats import RAY_FORMATS
+
+__all__ = ["REGISTRIES"]
+
+REGISTRIES: dict[str, Registry[Any]] = {
+    "recorded_formats": RECORDED_FORMATS,
+    "ray_formats": RAY_FORMATS,
+}
