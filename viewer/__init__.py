@@ -9,7 +9,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from viewer.app.page import view
+    from viewer.app.server import view
     from viewer.drawn.state import Camera, Clip, Section, ViewState, load_state, save_state
     from viewer.export import export_3d
     from viewer.paint.charts import chart
@@ -27,7 +27,7 @@ _HOME = {
     "picture": "viewer.paint.rendering",
     "plotter": "viewer.paint.pyvista_view",
     "save_state": "viewer.drawn.state",
-    "view": "viewer.app.page",
+    "view": "viewer.app.server",
 }
 
 __all__ = [

@@ -2,62 +2,25 @@
 
 from __future__ import annotations
 
-import base64
-import struct
-import zlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from query.answers.ies_file import write_ies
 from query.answers.pictures import DetectorImage
+from query.answers.png import png_bytes, upright
 from raymap.model.errors import RayMapError
 from raymap.model.extras import require
 from raymap.model.replacing import check_place, replacing
 
-__all__ = ["KINDS", "check_image", "png_bytes", "png_html", "write_image"]
+__all__ = ["KINDS", "check_image", "write_image"]
 
 QUANTITIES = ("irradiance", "illuminance", "intensity", "candela", "radiance", "luminance")
 """Flux per area, solid angle or étendue, in watt and in lumen."""
 KINDS = ("rgb", "flux", "flux_se", "rays", "density", "density_se", *QUANTITIES, "spectral")
 _SUFFIXES = (".png", ".tif", ".tiff", ".exr", ".csv", ".npy", ".ies")
-
-
-def _upright(values: NDArray[Any]) -> NDArray[Any]:
-    """Row 0 at the top, as files count rows."""
-    return values[::-1]
-
-
-def png_bytes(pixels: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
-    """A PNG of (rows, columns[, 3]) pixels of 8 or 16 bits."""
-    height, width = pixels.shape[:2]
-    depth = pixels.dtype.itemsize * 8
-    color = 2 if pixels.ndim == 3 else 0
-    big_endian = pixels.astype(pixels.dtype.newbyteorder(">"))
-    rows = big_endian.reshape(height, -1).view(np.uint8).reshape(height, -1)
-    filtered = np.concatenate((np.zeros((height, 1), np.uint8), rows), axis=1).tobytes()
-
-    def chunk(tag: bytes, data: bytes) -> bytes:
-        checksum = zlib.crc32(tag + data)
-        return struct.pack(">I", len(data)) + tag + data + struct.pack(">I", checksum)
-
-    header = struct.pack(">IIBBBBB", width, height, depth, color, 0, 0, 0)
-    return b"".join(
-        (
-            b"\x89PNG\r\n\x1a\n",
-            chunk(b"IHDR", header),
-            chunk(b"sRGB", b"\0"),
-            chunk(b"IDAT", zlib.compress(filtered, 6)),
-            chunk(b"IEND", b""),
-        )
-    )
-
-
-def png_html(image: DetectorImage) -> str:
-    """An HTML image for notebooks."""
-    data = base64.b64encode(png_bytes(_upright(image.srgb()))).decode()
-    return f'<img src="data:image/png;base64,{data}" alt="{image.detector.name}">'
 
 
 def values_of(image: DetectorImage, kind: str) -> NDArray[Any]:
@@ -156,15 +119,13 @@ def write_image(
     with replacing(target) as beside:
         if suffix == ".png":
             pixels = _pixels(image, kind).repeat(zoom, axis=0).repeat(zoom, axis=1)
-            beside.write_bytes(png_bytes(_upright(pixels)))
+            beside.write_bytes(png_bytes(upright(pixels)))
         elif suffix == ".npy":
             with beside.open("wb") as file:
                 np.save(file, values_of(image, kind))
         elif suffix == ".exr":
             _write_exr(beside, image, kind)
         elif suffix == ".ies":
-            from query.answers.ies_file import write_ies
-
             write_ies(image, beside)
         else:
             _write_tiff(beside, image, kind)
@@ -174,7 +135,7 @@ def write_image(
 def _write_tiff(path: Path, image: DetectorImage, kind: str) -> None:
     import tifffile
 
-    values = _upright(values_of(image, kind)).astype(np.float32)
+    values = upright(values_of(image, kind)).astype(np.float32)
     if values.ndim == 3 and values.shape[2] != 3:
         values = np.moveaxis(values, 2, 0)
     tifffile.imwrite(
@@ -189,7 +150,7 @@ def _write_exr(path: Path, image: DetectorImage, kind: str) -> None:
     """One channel Y, or R, G, B, or one per channel of the trace; beside it its error."""
     from raymap.tables.exr import spectral_channels, write_exr
 
-    values = _upright(values_of(image, kind)).astype(np.float32)
+    values = upright(values_of(image, kind)).astype(np.float32)
     if values.ndim == 2:
         channels = {"Y": values}
     elif kind == "rgb" or image.channel_set.kind == "rgb":

@@ -3,19 +3,30 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from raymap.model.errors import MapExists, RayMapError
 from raymap.model.replacing import refuse_existing
 from raymap.rayfiles.formats import RAY_FORMATS
 
-if TYPE_CHECKING:
-    from query.answers.selection import Selection
-
 __all__ = ["check_target", "to_arrow", "write"]
 
 SUFFIXES = (".raymap", ".parquet", ".arrow", ".csv")
 _ROWS = ("segments", "rays")
+
+
+class Chosen(Protocol):
+    """What is written: a map, the numbers of rays of it, and the criterion that they satisfy."""
+
+    @property
+    def map(self) -> Any: ...
+    @property
+    def ray_ids(self) -> NDArray[np.int64]: ...
+    @property
+    def criterion(self) -> object: ...
 
 
 def check_target(path: Path, rows: str, *, force: bool) -> None:
@@ -41,7 +52,7 @@ def check_target(path: Path, rows: str, *, force: bool) -> None:
     refuse_existing(path, force=force)
 
 
-def to_arrow(selection: Selection, rows: str = "segments") -> Any:
+def to_arrow(selection: Chosen, rows: str = "segments") -> Any:
     """The rays of a selection as one Arrow table."""
     import pyarrow as pa
 
@@ -55,7 +66,7 @@ def to_arrow(selection: Selection, rows: str = "segments") -> Any:
     return pa.Table.from_batches(found, schema)
 
 
-def write(selection: Selection, path: Path, rows: str, *, force: bool) -> Path:
+def write(selection: Chosen, path: Path, rows: str, *, force: bool) -> Path:
     """Write a selection; the suffix chooses the format.
 
     Raises

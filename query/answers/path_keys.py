@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from query.engine.context import PathColumns, PathContext
 from query.engine.path_machine import PRINCIPAL
+from query.engine.tally import Tally
 from raymap.jit.kernels import kernel
 from raymap.model.events import FAMILIES
 
-__all__ = ["Keys", "group", "path_keys"]
+__all__ = ["Keys", "Part", "group", "path_keys"]
 
 Ints = NDArray[np.integer]
 
@@ -50,6 +51,20 @@ class Keys:
                 for name in cls.__dataclass_fields__
             )
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Grouped paths; ``places`` tell where one of each group stands.
+
+    Attributes
+    ----------
+    places : (n, 2) int64, where: a portion, -1 the merged paths, -2 - k those of shard k; and row
+    """
+
+    keys: Keys
+    tally: Tally
+    places: NDArray[np.int64]
 
 
 @kernel

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from query.answers.binning import block_sums, fitting_blocks
+from query.answers.png import png_bytes, upright
 from raymap.model.directory import ChannelSet, Detector
 from raymap.model.errors import RayMapError
 from raymap.optics.cells import CellMeasure, cell_measure
@@ -305,9 +307,8 @@ class DetectorImage:
         return np.round(encode_srgb(linear * exposure) * 255).astype(np.uint8)
 
     def _repr_html_(self) -> str:
-        from query.answers.image_files import png_html
-
-        return png_html(self)
+        data = base64.b64encode(png_bytes(upright(self.srgb()))).decode()
+        return f'<img src="data:image/png;base64,{data}" alt="{self.detector.name}">'
 
 
 def _grain(flux: Floats, variance: Floats) -> float | None:

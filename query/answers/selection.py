@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from query.answers import output
 from query.engine.bound import BoundNode
 from query.engine.scan import Scan
 from query.engine.scans import number_rays
@@ -194,9 +195,7 @@ class Selection:
 
     def to_arrow(self, rows: str = "segments") -> Any:
         """The rays as one Arrow table; ``rows`` is "segments" or "rays"."""
-        from query.answers.output import to_arrow
-
-        return to_arrow(self, rows)
+        return output.to_arrow(self, rows)
 
     def to_numpy(self, rows: str = "segments") -> dict[str, NDArray[Any]]:
         """The rays as NumPy columns; ``rows`` is "segments" or "rays"."""
@@ -217,9 +216,7 @@ class Selection:
         ------
         MapExists, RayMapError
         """
-        from query.answers.output import write
-
-        return write(self, Path(path), rows, force=force)
+        return output.write(self, Path(path), rows, force=force)
 
     # -- display -------------------------------------------------------------------------------
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from query.answers.reasons import reason_for_nothing
 from query.answers.selection import Selection
-from query.answers.sharded import scan_shards, worth_spreading
+from query.answers.sharded import ShardRays, ShardTask, opened_shard, scan_shards, worth_spreading
 from query.engine.bind import Binder
 from query.engine.bound import BoundNode
 from query.engine.logic import BoundEverything
@@ -121,7 +121,7 @@ def _spread(
     """The selection of a sharded map, searched by the workers of an executor."""
     found = scan_shards(
         map, node, criterion, executor, rays=rays or limit is not None, limit=limit,
-        progress=progress, cancel=cancel,
+        progress=progress, cancel=cancel, search=_search,
     )  # fmt: skip
     scan, tally, limited = found.scan, found.tally, False
     if limit is not None and tally.rays.sum() >= limit:
@@ -139,6 +139,22 @@ def _spread(
     if selection.matched == 0 and selection.complete:
         selection.reason = reason_for_nothing(Scan(map, [node]), node)
     return selection
+
+
+def _search(task: ShardTask) -> ShardRays:
+    """The selection of one shard, on a worker."""
+    with opened_shard(task) as shard:
+        found = select(shard, task.criterion, limit=task.limit, rays=task.rays, threads=1)
+        scan = found._scan
+        return ShardRays(
+            masks={index: masks[0] for index, masks in scan.masks.items()},
+            tally=found.tally,
+            emitted=found.emitted,
+            portions_read=found.portions_read,
+            bytes_read=shard.bytes_read,
+            damaged=list(scan.damaged),
+            damage=list(shard.damage),
+        )
 
 
 @asked_again

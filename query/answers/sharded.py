@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from query.answers.path_keys import Part
 from query.engine.scan import Cancel, Progress, Scan
 from query.engine.tally import Tally
 from query.expression.spellings import as_criterion
@@ -22,11 +23,19 @@ from raymap.model.errors import NotARayMap, RayMapError
 from raymap.remote.cluster import gather
 
 if TYPE_CHECKING:
-    from query.answers.tables import Part
     from query.engine.bound import BoundNode
     from raymap.file.reader import RayMap
 
-__all__ = ["Found", "paths_of_shards", "scan_shards", "worth_spreading"]
+__all__ = [
+    "Found",
+    "ShardPaths",
+    "ShardRays",
+    "ShardTask",
+    "opened_shard",
+    "paths_of_shards",
+    "scan_shards",
+    "worth_spreading",
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +58,7 @@ class Found:
 
 
 @dataclass(frozen=True)
-class _Task:
+class ShardTask:
     """One shard to be asked."""
 
     place: Path | Address
@@ -61,7 +70,7 @@ class _Task:
 
 
 @dataclass(frozen=True)
-class _Rays:
+class ShardRays:
     """Answer of one shard: masks by its own portions, sums, and what could not be read."""
 
     masks: dict[int, NDArray[np.uint8]]
@@ -74,7 +83,7 @@ class _Rays:
 
 
 @dataclass(frozen=True)
-class _Paths:
+class ShardPaths:
     """Paths of one shard, by its own portions."""
 
     part: Part
@@ -99,8 +108,13 @@ def scan_shards(
     limit: int | None,
     progress: Callable[[Progress], None] | None,
     cancel: Cancel,
+    search: Callable[[ShardTask], ShardRays],
 ) -> Found:
     """Search every shard on a worker.
+
+    Parameters
+    ----------
+    search : asks one shard; a function that workers can import
 
     Raises
     ------
@@ -114,7 +128,7 @@ def scan_shards(
     masks: dict[int, Sequence[NDArray[np.uint8]]] = {}
     answered: list[int] = []
     portions_read = bytes_read = 0
-    for number, answer in gather(executor, _search, tasks, scan.is_cancelled):
+    for number, answer in gather(executor, search, tasks, scan.is_cancelled):
         own = places[number]
         answered.append(number)
         masks |= {own[index]: (mask,) for index, mask in answer.masks.items()}
@@ -149,10 +163,15 @@ def paths_of_shards(
     *,
     progress: Callable[[Progress], None] | None,
     cancel: Cancel,
+    group: Callable[[ShardTask], ShardPaths],
 ) -> tuple[list[Part], Tally, NDArray[np.int64], bool]:
     """Grouped paths of every shard, sums by source, rays emitted, and whether all shards answered.
 
     Places of merged paths become -2 - the number of the shard.
+
+    Parameters
+    ----------
+    group : asks one shard; a function that workers can import
 
     Raises
     ------
@@ -165,7 +184,7 @@ def paths_of_shards(
     by_source, emitted = Tally.zeros(n_sources), np.zeros(n_sources, np.int64)
     parts: dict[int, Part] = {}
     stop = Scan(map, [], use_merged=False, cancel=cancel).is_cancelled
-    for number, answer in gather(executor, _group, tasks, stop):
+    for number, answer in gather(executor, group, tasks, stop):
         own = np.array([*places[number], -2 - number], np.int64)
         rows = answer.part.places.copy()
         rows[:, 0] = own[rows[:, 0]]
@@ -187,13 +206,13 @@ def _places(map: RayMap) -> list[list[int]]:
     return [[index[id(portion)] for portion in shard.portions] for shard in map.shards]
 
 
-def _tasks(map: RayMap, criterion: object, **options: Any) -> list[_Task]:
+def _tasks(map: RayMap, criterion: object, **options: Any) -> list[ShardTask]:
     tree = as_criterion(criterion)
     plain = None if tree is None else tree.to_json()
     tasks = []
     for shard in map.shards:
         place = shard.path if isinstance(shard.path, Address) else shard.path.resolve()
-        tasks.append(_Task(place, map.on_damage, plain, **options))
+        tasks.append(ShardTask(place, map.on_damage, plain, **options))
     return tasks
 
 
@@ -205,7 +224,7 @@ def _note(map: RayMap, number: int, damage: list[Any]) -> None:
 # -- on a worker ---------------------------------------------------------------------------------
 
 
-def _opened(task: _Task) -> RayMap:
+def opened_shard(task: ShardTask) -> RayMap:
     from raymap.file.opening import open as open_map
 
     on_damage: Any = task.on_damage
@@ -216,30 +235,3 @@ def _opened(task: _Task) -> RayMap:
             f"a worker cannot open a shard ({error}): put the shards into a folder that all "
             "machines share, or on object storage"
         ) from None
-
-
-def _search(task: _Task) -> _Rays:
-    from query.answers.selector import select
-
-    with _opened(task) as shard:
-        found = select(shard, task.criterion, limit=task.limit, rays=task.rays, threads=1)
-        scan = found._scan
-        return _Rays(
-            masks={index: masks[0] for index, masks in scan.masks.items()},
-            tally=found.tally,
-            emitted=found.emitted,
-            portions_read=found.portions_read,
-            bytes_read=shard.bytes_read,
-            damaged=list(scan.damaged),
-            damage=list(shard.damage),
-        )
-
-
-def _group(task: _Task) -> _Paths:
-    from query.answers.tables import collect_paths
-
-    with _opened(task) as shard:
-        part, by_source, emitted, _, damaged = collect_paths(
-            shard, task.criterion, task.by, threads=1
-        )
-        return _Paths(part, by_source, emitted, damaged, list(shard.damage))

@@ -11,10 +11,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from query.answers.path_keys import Keys, group, path_keys
+from query.answers.path_keys import Keys, Part, group, path_keys
 from query.answers.peaks import find_peaks
 from query.answers.selector import bind_all
-from query.answers.sharded import paths_of_shards, worth_spreading
+from query.answers.sharded import (
+    ShardPaths,
+    ShardTask,
+    opened_shard,
+    paths_of_shards,
+    worth_spreading,
+)
 from query.engine.context import PathContext
 from query.engine.path_text import PathNames, exact_criterion, path_text
 from query.engine.scan import Cancel, Progress, Scan
@@ -73,20 +79,6 @@ class PathRow:
         if self.peak_flux is None:
             del out["peak"], out["peak_flux"]
         return with_doubts(out)
-
-
-@dataclass(frozen=True, eq=False)
-class Part:
-    """Grouped paths; ``places`` tell where one of each group stands.
-
-    Attributes
-    ----------
-    places : (n, 2) int64, where: a portion, -1 the merged paths, -2 - k those of shard k; and row
-    """
-
-    keys: Keys
-    tally: Tally
-    places: NDArray[np.int64]
 
 
 class PathTable:
@@ -338,7 +330,7 @@ def path_table(
     [node] = bind_all(map, [criterion])
     if executor is not None and worth_spreading(map, executor):
         parts, by_source, emitted, complete = paths_of_shards(
-            map, criterion, by, executor, progress=progress, cancel=cancel
+            map, criterion, by, executor, progress=progress, cancel=cancel, group=_group
         )
         part = _joined(parts) if parts else _empty()
     else:
@@ -399,6 +391,15 @@ def collect_paths(
         parts.append(Part(keys.take(representatives), totals.by_label, places))
     part = _joined(parts) if parts else _empty()
     return part, totals.by_source, scan.emitted, scan.complete, list(scan.damaged)
+
+
+def _group(task: ShardTask) -> ShardPaths:
+    """The grouped paths of one shard, on a worker."""
+    with opened_shard(task) as shard:
+        part, by_source, emitted, _, damaged = collect_paths(
+            shard, task.criterion, task.by, threads=1
+        )
+        return ShardPaths(part, by_source, emitted, damaged, list(shard.damage))
 
 
 def _peak_detector(map: RayMap, peak: str | None, sort: str) -> int | None:

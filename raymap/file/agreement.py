@@ -1,25 +1,24 @@
 """What a map says twice, compared: dictionaries with the rays, the footer with the portions.
 
-Checksums prove that bytes are as they were written, not that what was written is true. Counts and
-sums that a dictionary states follow from the rays, the merged dictionary from the portions' own.
+`raymap.file.totals` compares what the footer alone says twice. Checksums prove that bytes are as
+they were written, not that what was written is true. Counts and sums that a dictionary states
+follow from the rays, the merged dictionary from the portions' own.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from raymap.encoding.paths import MergedPaths, PathDictionary
 from raymap.encoding.pathstreams import CheckedPaths
+from raymap.file.owner import ReadPortion
+from raymap.file.totals import worth_squares
 from raymap.model.errors import DamagedPortion, FormatError
 from raymap.model.rows import squares_by_emission
 from raymap.model.schema import COLOR_SCALE
-
-if TYPE_CHECKING:
-    from raymap.file.stored import StoredPortion
 
 __all__ = [
     "FALSE_COLORS",
@@ -28,7 +27,6 @@ __all__ = [
     "FALSE_WEIGHTS",
     "FalseFooter",
     "compare_all",
-    "compare_totals",
     "difference",
     "false_sums",
     "unlike_merged",
@@ -77,60 +75,7 @@ def unlike_merged(
     return ""
 
 
-def compare_totals(
-    merged: MergedPaths, n_rays: int, stated: list[bool], *, weighted: bool, grouped: bool
-) -> None:
-    """Compare a merged dictionary with the index of the footer in which it stands.
-
-    Parameters
-    ----------
-    n_rays : of the portions that have dictionaries
-    stated : per channel set, whether it may have sums
-    weighted, grouped : some of these portions has weights, emissions
-
-    Raises
-    ------
-    FormatError
-        Counts do not add up, or a sum is no number.
-    """
-    paths = merged.paths
-    if len(paths.rays) and int(paths.rays.min()) < 1:
-        raise FormatError("merged dictionary: a path that no ray takes")
-    # No sum of counts below the number of rays wraps around
-    if (len(paths.rays) and int(paths.rays.max()) > n_rays) or int(paths.rays.sum()) != n_rays:
-        raise FormatError(f"merged dictionary: rays of the paths do not add up to {n_rays}")
-    if bool(paths.grouped) != grouped:
-        raise FormatError("merged dictionary: it contradicts the portions on emissions")
-    # Weights are float32, squares of their sums no more than that of all of them
-    most = (n_rays * float(np.finfo(np.float32).max)) ** 2
-    for sums in (paths.sum_w, paths.sum_w2, *_worth_squares(paths), *paths.sum_wc):
-        if not ((sums >= 0) & (sums <= most)).all():
-            raise FormatError(
-                "merged dictionary: a sum of weights is negative, no number, or more than rays have"
-            )
-    if not weighted:
-        plain = paths.rays.astype(np.float64)
-        if not np.array_equal(paths.sum_w, plain):
-            raise FormatError("merged dictionary: sums of weights are not the numbers of rays")
-        if not grouped and not np.array_equal(paths.sum_w2, plain):
-            raise FormatError("merged dictionary: sums of squares are not the numbers of rays")
-    shares = np.zeros(paths.n_paths)
-    for present, sums in zip(stated, paths.sum_wc, strict=True):
-        if sums.shape[1] and not present:
-            raise FormatError("merged dictionary: colours in a channel set that no portion has")
-        shares += sums.sum(axis=1)
-    # Colours are normalised: their channels add up to the weight
-    if not np.allclose(shares, paths.sum_w, rtol=1e-6, atol=0):
-        raise FormatError("merged dictionary: sums of colours are not those of the weights")
-    present_in = np.concatenate(
-        [numbers for numbers in merged.local_to_global if numbers is not None]
-        or [np.empty(0, np.int32)]
-    )
-    if len(np.unique(present_in)) != paths.n_paths:
-        raise FormatError("merged dictionary: a path that no portion has")
-
-
-def compare_all(merged: MergedPaths, portions: Sequence[StoredPortion]) -> None:
+def compare_all(merged: MergedPaths, portions: Sequence[ReadPortion]) -> None:
     """Compare a merged dictionary with every portion: their paths, counts and sums.
 
     Raises
@@ -141,7 +86,7 @@ def compare_all(merged: MergedPaths, portions: Sequence[StoredPortion]) -> None:
     paths = merged.paths
     rays = np.zeros(paths.n_paths, np.int64)
     sums = [np.zeros(paths.n_paths), np.zeros(paths.n_paths), *(0.0 * s for s in paths.sum_wc)]
-    worth_squares = [np.zeros(paths.n_paths) for _ in _worth_squares(paths)]
+    of_worth = [np.zeros(paths.n_paths) for _ in worth_squares(paths)]
     # Portions of a map that is one of several count channel sets as all of these do
     lost = False
     for portion, local in zip(portions, merged.local_to_global, strict=True):
@@ -165,7 +110,7 @@ def compare_all(merged: MergedPaths, portions: Sequence[StoredPortion]) -> None:
             raise FormatError("merged dictionary: a channel set without sums of colour")
         for place, more in ((0, own.sum_w), (1, own.sum_w2), (own_set, colors)):
             np.add.at(sums[place], local, more)
-        for total in worth_squares:
+        for total in of_worth:
             if own.sum_wy2 is None:
                 raise FormatError("merged dictionary: squares of lumens that a portion lacks")
             np.add.at(total, local, own.sum_wy2)
@@ -173,18 +118,13 @@ def compare_all(merged: MergedPaths, portions: Sequence[StoredPortion]) -> None:
         return
     if not np.array_equal(rays, paths.rays):
         raise FormatError("merged dictionary: rays of paths contradict the portions")
-    all_stated = (paths.sum_w, paths.sum_w2, *paths.sum_wc, *_worth_squares(paths))
-    for total, stated in zip([*sums, *worth_squares], all_stated, strict=True):
+    all_stated = (paths.sum_w, paths.sum_w2, *paths.sum_wc, *worth_squares(paths))
+    for total, stated in zip([*sums, *of_worth], all_stated, strict=True):
         if not np.allclose(total, stated, rtol=_ROUNDING, atol=1e-12):
             raise FormatError("merged dictionary: sums of paths contradict the portions")
 
 
-def _worth_squares(paths: PathDictionary) -> list[NDArray[np.float64]]:
-    """The sums of (weight × worth)², where they are kept."""
-    return [] if paths.sum_wy2 is None else [paths.sum_wy2]
-
-
-def false_sums(portion: StoredPortion) -> str:
+def false_sums(portion: ReadPortion) -> str:
     """In words, which sums of a portion's dictionary its rays contradict; "" for none."""
     own, numbers = portion.paths(), portion.path_numbers()
     n = own.n_paths
@@ -214,7 +154,7 @@ def false_sums(portion: StoredPortion) -> str:
     return ""
 
 
-def _colors_of(portion: StoredPortion) -> NDArray[np.float64]:
+def _colors_of(portion: ReadPortion) -> NDArray[np.float64]:
     """(n_rays, n_channels) colours at the rays' ends."""
     codes, table = portion.column("last_color"), portion.color_table()
     n_channels = table.shape[1]

@@ -21,7 +21,7 @@ from raymap.encoding.description import read_directory, run_of
 from raymap.encoding.paths import MergedPaths, PathDictionary
 from raymap.encoding.pathstreams import Bounds, check_itineraries
 from raymap.encoding.portionmeta import PortionMeta
-from raymap.file.agreement import compare_totals
+from raymap.file.totals import compare_totals
 from raymap.model.directory import Directory
 from raymap.model.errors import FormatError
 from raymap.model.jsontext import parse_json, write_json

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from raymap.encoding.paths import PathDictionary
+from raymap.file.owner import ReadPortion
 from raymap.model.schema import COLOR_SCALE
-
-if TYPE_CHECKING:
-    from raymap.file.stored import StoredPortion
 
 __all__ = ["PlainPaths"]
 
@@ -19,10 +17,10 @@ __all__ = ["PlainPaths"]
 class PlainPaths(PathDictionary):
     """A plain portion as a dictionary of one path per ray; columns are decoded when touched."""
 
-    def __init__(self, portion: StoredPortion) -> None:
+    def __init__(self, portion: ReadPortion) -> None:
         object.__setattr__(self, "_portion", portion)
 
-    _portion: StoredPortion
+    _portion: ReadPortion
 
     @property
     def n_paths(self) -> int:
@@ -59,7 +57,7 @@ class PlainPaths(PathDictionary):
         portion = self._portion
         ends = portion.record_offsets()[1:] - 1
         colors = portion.color_codes(portion.column("color_code")[ends]).colors()
-        sums = [np.zeros((portion.n_rays, 0)) for _ in portion._map.channel_sets]
+        sums = [np.zeros((portion.n_rays, 0)) for _ in portion.map.channel_sets]
         sums[portion.channel_set] = colors / COLOR_SCALE * self.sum_w[:, None]
         return tuple(sums)
 

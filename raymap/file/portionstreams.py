@@ -21,12 +21,12 @@ from raymap.encoding.pathstreams import (
 from raymap.encoding.portionmeta import PortionMeta
 from raymap.file.agreement import FALSE_RAYS, unlike_merged
 from raymap.file.footer import IndexEntry
+from raymap.file.plainpaths import PlainPaths
 from raymap.model.errors import DamagedPortion, FormatError
 from raymap.model.schema import COLOR_SCALE, NONE
 
 if TYPE_CHECKING:
-    from raymap.file.reader import RayMap
-    from raymap.file.stored import StoredPortion
+    from raymap.file.owner import Owner, ReadPortion
 
 __all__ = ["POINT_TYPES", "PortionStreams"]
 
@@ -42,7 +42,7 @@ POINT_TYPES: dict[str, Any] = {
 class PortionStreams:
     """What `StoredPortion` reads without looking at positions, colours or weights."""
 
-    def __init__(self, map: RayMap, index: IndexEntry) -> None:
+    def __init__(self, map: Owner, index: IndexEntry) -> None:
         self._map = self.map = map
         self._index = self.index = index
         meta = index.meta
@@ -71,9 +71,7 @@ class PortionStreams:
         """The dictionary; of a plain portion a view with one path per ray, decoded when touched."""
         if self.has_paths:
             return self._dictionary
-        from raymap.file.plainpaths import PlainPaths
-
-        return PlainPaths(cast("StoredPortion", self))
+        return PlainPaths(cast("ReadPortion", self))
 
     @decodes
     def path_numbers(self) -> NDArray[np.uint32]:

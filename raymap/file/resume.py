@@ -2,23 +2,37 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from raymap.bytes.appender import ChunkAppender
-from raymap.bytes.layout import CHANNELS, FOOTER, RUN
+from raymap.bytes.layout import CHANNELS, FOOTER, RUN, VERSION
 from raymap.encoding.dictionary import PathMerger
 from raymap.file.footer import Footer
-from raymap.model.directory import Directory
+from raymap.model.directory import ChannelSet, Directory
 from raymap.model.errors import FormatError, SceneMismatch
 from raymap.model.jsontext import plain
 
-if TYPE_CHECKING:
-    from raymap.file.writer import WriterState
-
-__all__ = ["resume", "scene_difference"]
+__all__ = ["WriterState", "resume", "scene_difference"]
 
 _SCENE = ("sources", "objects", "media", "surfaces", "detectors")
+
+
+@dataclass
+class WriterState:
+    """What a writer knows of the map that it continues."""
+
+    footer: Footer = field(default_factory=Footer)
+    merger: PathMerger = field(default_factory=PathMerger)
+    local_to_global: list[NDArray[np.int32] | None] = field(default_factory=list)
+    channel_sets: list[ChannelSet] = field(default_factory=list)
+    first_ray: int = 0
+    version: tuple[int, int] = VERSION
+    described: int = 0
 
 
 def resume(path: Path, directory: Directory | None) -> tuple[ChunkAppender, Directory, WriterState]:
@@ -29,7 +43,6 @@ def resume(path: Path, directory: Directory | None) -> tuple[ChunkAppender, Dire
     SceneMismatch, MapLocked, NotARayMap, DamagedPortion
     """
     from raymap.file.reader import RayMap
-    from raymap.file.writer import WriterState
 
     appender = ChunkAppender.open(path)
     try:

@@ -21,7 +21,6 @@ from raymap.bytes.layout import (
     FILE_HEADER_SIZE,
     PATHS,
     RUN,
-    VERSION,
     pack_file_header,
 )
 from raymap.encoding.description import (
@@ -30,11 +29,11 @@ from raymap.encoding.description import (
     pack_directory,
     pack_run,
 )
-from raymap.encoding.dictionary import PathMerger
 from raymap.encoding.encoder import EncodedPortion, PortionEncoder
 from raymap.encoding.results import DetectorResult, pack_result
 from raymap.file.checks import check_portion
 from raymap.file.footer import Footer, IndexEntry, pack_footer, pack_merged
+from raymap.file.resume import WriterState, resume
 from raymap.model.directory import ChannelSet, Directory, DisplayMesh
 from raymap.model.errors import InvalidPortion, LimitExceeded, RayMapError
 from raymap.model.limits import MAX_CHANNEL_SETS, MAX_DESCRIBED
@@ -161,8 +160,6 @@ class RayMapWriter:
         MapLocked
             Another writer is at work on it.
         """
-        from raymap.file.resume import resume
-
         appender, own, state = resume(Path(path), directory)
         return cls(appender, own, raw=raw, compact=compact, trusted=trusted, state=state)
 
@@ -449,16 +446,3 @@ class RayMapWriter:
             covered = dataclasses.replace(result, end_portion=self._next_portion)
             self._append(DETECTOR, pack_result(covered))
         self._results.clear()
-
-
-@dataclasses.dataclass
-class WriterState:
-    """What a writer knows of the map that it continues."""
-
-    footer: Footer = dataclasses.field(default_factory=Footer)
-    merger: PathMerger = dataclasses.field(default_factory=PathMerger)
-    local_to_global: list[NDArray[np.int32] | None] = dataclasses.field(default_factory=list)
-    channel_sets: list[ChannelSet] = dataclasses.field(default_factory=list)
-    first_ray: int = 0
-    version: tuple[int, int] = VERSION
-    described: int = 0

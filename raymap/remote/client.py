@@ -7,10 +7,11 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import SimpleNamespace, TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from raymap.model.errors import MissingExtra, RayMapError
 from raymap.model.givenfile import check_given, given_bytes
+from raymap.remote.clientmap import RemoteMap
 from raymap.remote.protocol import (
     ADDRESS_VARIABLE,
     PROTOCOL,
@@ -19,9 +20,6 @@ from raymap.remote.protocol import (
     ServiceError,
     decode_error,
 )
-
-if TYPE_CHECKING:
-    from raymap.remote.clientmap import RemoteMap
 
 __all__ = ["Service", "connect"]
 
@@ -216,8 +214,6 @@ class Service:
 
     def open(self, map: str) -> RemoteMap:
         """A map of the served folder, to be asked as a local one."""
-        from raymap.remote.clientmap import RemoteMap
-
         return RemoteMap(self, map)
 
     # -- calls ---------------------------------------------------------------------------------

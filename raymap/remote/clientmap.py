@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +15,19 @@ from numpy.typing import NDArray
 from raymap.model.doubt import FOOTNOTE, marked
 from raymap.model.replacing import replacing
 
-if TYPE_CHECKING:
-    from raymap.remote.client import Service
-
 __all__ = ["RemoteImage", "RemoteMap", "RemotePaths", "RemoteSelection", "RemoteView"]
 
 _SHOWN = 20
+
+
+class Service(Protocol):
+    """What a map asks of the service behind which it lies (`raymap.remote.client.Service`)."""
+
+    @property
+    def address(self) -> str: ...
+    def ask(self, action: str, request: Mapping[str, Any]) -> dict[str, Any]: ...
+    def stream(self, kind: str, request: Mapping[str, Any]) -> Any: ...
+    def table(self, kind: str, request: Mapping[str, Any]) -> Any: ...
 
 
 class RemoteMap:

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any
 
 from viewer.app.embedding import make_server, page_file, release, start, start_within
 from viewer.app.guard import WEBSOCKET, Guard, inline_script_hashes
+from viewer.app.page import Application
 from viewer.drawn.state import ViewState
 from viewer.panels.criterion import CriterionShelf
 
 if TYPE_CHECKING:
     from raymap.file.reader import RayMap
-    from viewer.app.page import Application
 
 __all__ = ["MOST_BROWSERS", "Browsers"]
 
@@ -174,8 +174,6 @@ class Browsers:
         return list(dict.fromkeys([self._first, *self._by_browser.values()]))
 
     def _make(self, shelf: CriterionShelf | None) -> _Own:
-        from viewer.app.page import Application
-
         server = make_server(self.guard)
         first = getattr(self, "_first", None)
         bodies = None if first is None else first.application.session.painter.bodies

@@ -17,7 +17,7 @@ from viewer.templates import template
 if TYPE_CHECKING:
     from raymap.file.reader import RayMap
 
-__all__ = ["Application", "view"]
+__all__ = ["Application"]
 
 EXPORTS = (
     ("session", "Save this session", "mdi-content-save-outline"),
@@ -112,23 +112,3 @@ class Application(SceneActions, ResultActions):
         self._spawn(self._answer())
         if not self.session.map.finished:
             self._spawn(self._watch())
-
-
-def view(map: RayMap, *, state: ViewState | None = None, height: int = 720) -> Any:
-    """Show the application: inline in a notebook, else in the browser.
-
-    Parameters
-    ----------
-    map : an open ray map
-    state : where to begin
-    height : of the frame in a notebook [pixels]
-
-    Returns
-    -------
-    `RunningServer`; in a notebook it displays itself. `stop()` ends it.
-    """
-    from viewer.app.server import run_in_thread
-
-    running = run_in_thread(map, state)
-    running.show(height)
-    return running

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any
 
 from raymap.model.errors import RayMapError
 from viewer.app.browsers import Browsers
+from viewer.app.page import Application
 from viewer.drawn.state import ViewState
 from viewer.panels.criterion import CriterionShelf
 
 if TYPE_CHECKING:
     from raymap.file.reader import RayMap
-    from viewer.app.page import Application
 
-__all__ = ["RunningServer", "run_in_thread", "serve"]
+__all__ = ["RunningServer", "run_in_thread", "serve", "view"]
 
 
 def address(server: Any, token: str, session: str = "") -> str:
@@ -156,3 +156,21 @@ def run_in_thread(
 ) -> RunningServer:
     """Serve the application beside the running program; the parameters are `RunningServer`'s."""
     return RunningServer(ray_map, state, port, shelf)
+
+
+def view(map: RayMap, *, state: ViewState | None = None, height: int = 720) -> Any:
+    """Show the application: inline in a notebook, else in the browser.
+
+    Parameters
+    ----------
+    map : an open ray map
+    state : where to begin
+    height : of the frame in a notebook [pixels]
+
+    Returns
+    -------
+    `RunningServer`; in a notebook it displays itself. `stop()` ends it.
+    """
+    running = run_in_thread(map, state)
+    running.show(height)
+    return running
