@@ -19,13 +19,36 @@ from raymap.jit.types import F64, I32, I64
 # registers on it (-1 none), event bits of every meeting, coordinate axis nearest to its normal
 F_KIND, F_OBJECT, F_TRIANGLE, F_SURFACE, F_INSIDE, F_OUTSIDE, F_DETECTOR, F_EVENT, F_AXIS = range(9)
 
-# Columns of surface_i; surface_f holds a parameter row, then reflectance and transmittance (C each)
-#   model: of a dielectric 0 bare, 1 and 3 a reflectance (3: by channel), 2 a coating's table;
-#     of a rough mirror the place of the table of its facets
-#   table, stride: place of the table of scatter in the pool (-1 none), its step per channel (or 0)
-#   transmitted: table of transmitted scatter, or step per channel of the coating
-#   metal: place of n and k, of a coating, or of the facets of a rough dielectric (-1 none)
-S_KIND, S_MODEL, S_TABLE, S_STRIDE, S_TRANSMITTED, S_METAL = range(6)
+# Columns of surface_i; surface_f holds a parameter row, then reflectance and transmittance (C
+# each). Places are in the pool of tables, -1 where there is none
+#   model: of a dielectric 0 bare, 1 and 3 a reflectance (3: by channel), 2 a coating
+#   scatter, stride: table of scatter about the specular direction, its step per channel (or 0)
+#   coating, coating step: table of shares by channel and angle, its step per channel
+#   metal: n and k by channel
+#   facets: table of a rough surface
+#   reflected, transmitted: measured scatter to either side
+#   own: numbers of a kind that is described by a law (`tracer.surfaces.law`), and how many
+#   meet, towards, sample, evaluate, pdf: addresses of compiled functions, 0 until they are known
+(
+    S_KIND,
+    S_MODEL,
+    S_SCATTER,
+    S_STRIDE,
+    S_COATING,
+    S_COATING_STEP,
+    S_METAL,
+    S_FACETS,
+    S_REFLECTED,
+    S_TRANSMITTED,
+    S_OWN,
+    S_OWN_SIZE,
+    S_MEET,
+    S_TOWARDS,
+    S_SAMPLE,
+    S_EVALUATE,
+    S_PDF,
+) = range(17)
+S_COLUMNS = 17
 SURFACE_ROW = 16
 
 # Columns of medium_i; medium_f holds index, absorption, scattering (C each) [1 / scene unit] and
@@ -54,7 +77,7 @@ D_CELLS_U, D_CELLS_V, D_VIRTUAL = range(3)
 # Entries of limits
 DEPTH, WORLD, VIRTUAL = range(3)
 
-# Kinds of surfaces
+# Kinds of surfaces that are built in; numbers of others are made of their words
 (
     ABSORBER,
     DIELECTRIC,

@@ -23,12 +23,13 @@ from typing import Any, NamedTuple
 
 import numba
 from numba import types
+from numba.core.errors import TypingError
 from numba.extending import intrinsic
 
 from raymap.jit.collecting import no_collecting
 from raymap.rooms import trusted_path
 
-__all__ = ["Task", "address_of", "call_at", "compile_ahead", "task"]
+__all__ = ["Door", "Task", "address_of", "call_at", "compile_ahead", "task"]
 
 
 class Task(NamedTuple):
@@ -77,23 +78,57 @@ def address_of(compiled: Task) -> int:
     return int(result.library.get_pointer_to_function(result.fndesc.llvm_func_name))
 
 
-@intrinsic  # type: ignore[untyped-decorator]
-def call_at(typingctx: Any, address: Any, arguments: Any) -> Any:
-    """Call the function at an address, from compiled code, with a tuple of arguments.
+def _caller(result: Any, wanted: tuple[Any, ...] | None = None) -> Any:
+    """An intrinsic that calls the function at an address with a tuple of arguments."""
 
-    They must have just the types for which the address was asked; the function returns nothing.
+    @intrinsic  # type: ignore[untyped-decorator]
+    def call(typingctx: Any, address: Any, arguments: Any) -> Any:
+        if wanted is not None and tuple(arguments) != wanted:
+            raise TypingError(f"called with {tuple(arguments)}, made for {wanted}")
+
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            place, packed = values
+            kinds = list(signature.args[1])
+            items = [builder.extract_value(packed, k) for k in range(len(kinds))]
+            kind = context.call_conv.get_function_type(result, kinds)
+            pointer = builder.inttoptr(place, kind.as_pointer())
+            _, value = context.call_conv.call_function(builder, pointer, result, kinds, items)
+            return context.get_dummy_value() if result == types.none else value
+
+        return result(types.int64, arguments), generate
+
+    return call
+
+
+call_at = _caller(types.none)
+"""Call the function at an address, from compiled code, with a tuple of arguments.
+
+They must have just the types for which the address was asked; the function returns nothing.
+"""
+
+
+class Door:
+    """A signature by which compiled code calls functions that it does not know, by address.
+
+    What is called is compiled alone: a new one makes no other code compile again.
+
+    Parameters
+    ----------
+    result, arguments : example values, of the types that the functions return and take
+
+    Attributes
+    ----------
+    call : for compiled code; takes an address and a tuple of the arguments
     """
 
-    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        place, packed = values
-        kinds = list(signature.args[1])
-        items = [builder.extract_value(packed, k) for k in range(len(kinds))]
-        kind = context.call_conv.get_function_type(types.none, kinds)
-        pointer = builder.inttoptr(place, kind.as_pointer())
-        context.call_conv.call_function(builder, pointer, types.none, kinds, items)
-        return context.get_dummy_value()
+    def __init__(self, result: Any, arguments: tuple[Any, ...]) -> None:
+        self.arguments = tuple(numba.typeof(item) for item in arguments)
+        self.call = _caller(numba.typeof(result), self.arguments)
 
-    return types.none(types.int64, arguments), generate
+    def task(self, function: Any) -> Task:
+        """To compile a function for this door."""
+        compiled = function.py_func
+        return Task(compiled.__module__, compiled.__name__, self.arguments)
 
 
 def compile_ahead(tasks: Sequence[Task], *, processes: int) -> None:

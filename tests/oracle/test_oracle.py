@@ -15,7 +15,8 @@ from tests.scenes import MIRROR_BALL
 from tracer.bodies.body import Body
 from tracer.bodies.mesh import MeshBody
 from tracer.detectors.model import DetectorModel
-from tracer.scene.model import Phase, SurfaceModel
+from tracer.media.model import Phase
+from tracer.scene.model import SurfaceModel
 from tracer.sources.model import SourceModel
 
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from raymap.model.errors import SceneError
+from tracer.description.channels import Spectrum
 from tracer.geometry.mesh_files import load_mesh
-from tracer.scene.model import Spectrum
 from tracer.sources.pictures import read_picture
 
 _MOST = 100 * 2**20

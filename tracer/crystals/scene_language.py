@@ -38,10 +38,12 @@ from tracer.crystals.recorder import (
 )
 from tracer.crystals.rhomb_body import RhombBody
 from tracer.crystals.rows import ISOTROPIC, KIND
+from tracer.description.channels import RGB_NM
 from tracer.description.fields import Node
 from tracer.description.named_files import named_file
+from tracer.media.model import MediumModel
 from tracer.run.results import depth_limit
-from tracer.scene.model import RGB_NM, MediumModel, Scene
+from tracer.scene.model import Scene
 from tracer.scene.supported import refuse_weighting
 
 if TYPE_CHECKING:

@@ -29,8 +29,8 @@ from tracer.importers.parts import Part, PartFace
 from tracer.importers.prescription import GlassName, ImportWarning, Prescription
 from tracer.importers.sequence import Sequence
 from tracer.importers.solves import solved
+from tracer.media.model import MediumModel
 from tracer.scene.media import refractive_index
-from tracer.scene.model import MediumModel
 
 __all__ = ["ImportedLens", "import_lens"]
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tracer.bodies.lens import LensBody
-from tracer.compiled import DIELECTRIC, F_OBJECT, F_SURFACE, S_KIND, S_MODEL, S_TABLE
+from tracer.compiled import DIELECTRIC, F_OBJECT, F_SURFACE, S_KIND, S_MODEL, S_SCATTER
 from tracer.lens.errors import LensError
 from tracer.lens.glass import Glass
 from tracer.lens.lens import Lens
@@ -216,7 +216,7 @@ def _check_body(compilation: Compilation, name: str, body: object, number: int) 
     rows = np.flatnonzero(arrays.face_i[:, F_OBJECT] == number)[:2]
     for row, which in zip(rows, ("front", "back"), strict=True):
         surface = arrays.surface_i[arrays.face_i[row, F_SURFACE]]
-        bare = surface[S_KIND] == DIELECTRIC and surface[S_MODEL] == 0 and surface[S_TABLE] < 0
+        bare = surface[S_KIND] == DIELECTRIC and surface[S_MODEL] == 0 and surface[S_SCATTER] < 0
         if not bare:
             raise LensError(f"bodies.{name}.{which} is not a bare polished interface; {remedy}")
 

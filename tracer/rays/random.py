@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from raymap.jit.kernels import kernel
+from raymap.jit.kernels import inner_kernel, kernel
 
-__all__ = ["advance", "stream_state", "uniform"]
+__all__ = ["advance", "five_uniform", "stream_state", "uniform"]
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _MIX_1 = np.uint64(0xBF58476D1CE4E5B9)
@@ -51,3 +51,16 @@ def advance(state: np.uint64) -> np.uint64:
 def uniform(state: np.uint64) -> float:
     """The number of a state, uniform on [0, 1) with 53 bits."""
     return (_mix(state) >> _SHIFT_11) * _UNIT
+
+
+@inner_kernel
+def five_uniform(
+    state: np.uint64,
+) -> tuple[tuple[float, float, float, float, float], np.uint64]:
+    """Five uniform numbers, and the state after them."""
+    a = advance(state)
+    b = advance(a)
+    c = advance(b)
+    d = advance(c)
+    e = advance(d)
+    return (uniform(a), uniform(b), uniform(c), uniform(d), uniform(e)), e

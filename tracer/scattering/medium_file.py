@@ -11,9 +11,10 @@ from pydantic import ValidationError
 
 from raymap.model.errors import SceneError
 from raymap.model.givenfile import given_text
+from tracer.description.channels import RGB_NM
+from tracer.media.model import MediumModel
 from tracer.scattering.medium import ScatteringMedium
 from tracer.scene.media import refractive_index
-from tracer.scene.model import RGB_NM, MediumModel
 
 __all__ = ["load_media"]
 

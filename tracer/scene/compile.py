@@ -34,7 +34,7 @@ from tracer.compiled import (
     M_PARTICIPATING,
     S_KIND,
     S_MODEL,
-    S_TABLE,
+    S_SCATTER,
     CompiledScene,
     RareLight,
 )
@@ -53,9 +53,9 @@ from tracer.scene.resolve import resolve_bodies
 from tracer.scene.sheets import warn_of_hidden_sheets
 from tracer.scene.source_faces import lift_off_faces
 from tracer.scene.sources import CompiledSources, SourceTable
-from tracer.scene.surfaces import SurfaceTable
+from tracer.scene.surfaces import compile_surfaces
 from tracer.scene.touching import warn_of_touching
-from tracer.surfaces.scatter_check import check_scatter
+from tracer.surfaces.scatter_check import check_laws, check_scatter
 
 __all__ = ["Compilation", "compile_scene", "resolve_bodies"]
 
@@ -160,8 +160,9 @@ class _Compiler:
         center, radius = self._extent(shapes, sources)
         sources = lift_off_faces(sources, shapes, 1e-9 * radius)
         face_i, face_f, pool = faces.rows(shapes)
-        surface_table = SurfaceTable(self.media, self.wavelengths, scene.origin)
-        surface_i, surface_f, tables = surface_table.compile(faces.surface_models())
+        surface_i, surface_f, tables = compile_surfaces(
+            faces.surface_models(), self.media, self.wavelengths, scene.origin
+        )
         departures = Departures(shapes, sources.boxes)
         rare = self._rare_light()
         plain = _plain_faces(face_i, surface_i, self.media.integers)
@@ -219,6 +220,7 @@ class _Compiler:
         )
         surfaces = [name for name, _ in faces.surface_models()]
         check_scatter(arrays, surfaces, self._channel_names(), scene.origin)
+        check_laws(arrays, faces.surface_models(), scene.origin)
         return Compilation(
             scene=scene,
             arrays=arrays,
@@ -316,7 +318,7 @@ _COMMON_FACES = {ANNULUS, RECTANGLE, SPHERE, CYLINDER, MESH}
 def _needs_tables(surface_i: Integers, medium_i: Integers) -> bool:
     """Whether the engine must know more than plain surfaces and clear media."""
     plain = np.isin(surface_i[:, S_KIND], (ABSORBER, DIELECTRIC, LAMBERTIAN))
-    plain &= (surface_i[:, S_TABLE] < 0) & (surface_i[:, S_MODEL] != 2)
+    plain &= (surface_i[:, S_SCATTER] < 0) & (surface_i[:, S_MODEL] != 2)
     return not bool(np.all(plain)) or bool(np.any(medium_i[:, M_PARTICIPATING]))
 
 
@@ -324,7 +326,7 @@ def _plain_faces(face_i: Integers, surface_i: Integers, medium_i: Integers) -> A
     """Faces with nothing but bare or even reflection, in a scene of clear media."""
     plain = np.isin(face_i[:, F_KIND], (ANNULUS, RECTANGLE, SPHERE)) & (face_i[:, F_DETECTOR] < 0)
     surface = surface_i[face_i[:, F_SURFACE]]
-    plain &= (surface[:, S_KIND] == DIELECTRIC) & (surface[:, S_TABLE] < 0)
+    plain &= (surface[:, S_KIND] == DIELECTRIC) & (surface[:, S_SCATTER] < 0)
     plain &= np.isin(surface[:, S_MODEL], (0, 1)) & (face_i[:, F_INSIDE] >= 0)
     plain &= not bool(np.any(medium_i[:, M_PARTICIPATING]))
     return plain.astype(np.uint8)
@@ -341,13 +343,14 @@ def _taking_part(scene: Scene) -> dict[str, Any]:
 
 
 _HASHED = (
-    "length_unit", "flux_unit", "world", "media", "surfaces", "bodies", "sources", "detectors",
+    "length_unit", "flux_unit", "world", "media", "bodies", "sources", "detectors",
 )  # fmt: skip
 
 
 def _scene_hash(scene: Scene) -> str:
     """Hash of geometry, media, surfaces, sources and detectors, with the files that they name."""
     parts = scene.model_dump(mode="json", include=set(_HASHED))
+    parts["surfaces"] = {name: item.fingerprint() for name, item in scene.surfaces.items()}
     parts["files"] = {
         file: _file_hash(named_file(scene.folder, file))
         for table in (scene.bodies, scene.sources)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,12 @@ from tracer.geometry.mesh import TriangleMesh
 from tracer.geometry.shape_columns import ShapeColumns
 from tracer.geometry.shapes import SEGMENTS, Polygon, Rectangle, Shape
 from tracer.scene.meshes import MeshFace, MeshShelf
-from tracer.scene.model import Scene, SurfaceModel
+from tracer.scene.model import Scene
 from tracer.scene.resolve import resolve_bodies
+from tracer.surfaces.absorber import Absorber
+from tracer.surfaces.dielectric import Dielectric
+from tracer.surfaces.registry import SURFACES
+from tracer.surfaces.surface import Surface
 
 __all__ = ["FaceTable", "Primitive", "given_parameters"]
 
@@ -49,10 +53,7 @@ class Primitive:
     event: int = 0
 
 
-_BUILT_IN = {
-    "bare": SurfaceModel(kind="dielectric"),
-    "absorber": SurfaceModel(kind="absorber"),
-}
+_BUILT_IN: dict[str, Surface] = {"bare": Dielectric(), "absorber": Absorber()}
 """Surfaces that need no table."""
 
 
@@ -74,7 +75,7 @@ class FaceTable:
         self.solids = {name: number for number, name in enumerate(solid)}
         self.shelf = MeshShelf(Path(scene.folder))
         self.surface_numbers = {name: number for number, name in enumerate(scene.surfaces)}
-        self.extra_surfaces: dict[str, SurfaceModel] = {}
+        self.extra_surfaces: dict[str, Surface] = {}
         self.objects: list[SceneObject] = []
         self.primitives: list[Primitive] = []
         self.meshes: dict[int, DisplayMesh] = {}
@@ -84,7 +85,7 @@ class FaceTable:
     def fail(self, key: str, message: str) -> SceneError:
         return SceneError(f"{self.scene.origin}: {key}: {message}")
 
-    def surface_models(self) -> list[tuple[str, SurfaceModel]]:
+    def surface_models(self) -> list[tuple[str, Surface]]:
         """All surfaces that faces have, by number."""
         known = self.scene.surfaces | self.extra_surfaces
         return [(name, known[name]) for name in self.surface_numbers]
@@ -107,8 +108,7 @@ class FaceTable:
     def _unknown_surface(self, name: str) -> str:
         """What is wrong with the name of a surface, and how to mend it."""
         known = dict.fromkeys([*self.scene.surfaces, *_BUILT_IN], 0)
-        kinds = get_args(SurfaceModel.model_fields["kind"].annotation)
-        if name in kinds:
+        if name in SURFACES:
             return (
                 f"there is no surface {name!r}; it is a kind: add [surfaces.{name}] with "
                 f'kind = "{name}" and its numbers, then name that'

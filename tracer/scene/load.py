@@ -13,19 +13,19 @@ from pydantic import BaseModel, ValidationError
 from raymap.model.errors import SceneError
 from raymap.model.givenfile import given_text
 from raymap.model.names import nearest_names
+from raymap.model.registry import Registry
 from tracer.bodies.body import Body
 from tracer.bodies.registry import BODIES
+from tracer.detectors.model import DetectorModel
 from tracer.geometry.mesh_files import SUFFIXES as MESH_SUFFIXES
+from tracer.media.model import MediumModel
 from tracer.scene.copies import CopiesModel, with_copies
 from tracer.scene.files import FILE_TABLES, table_of_bodies, table_of_scene_file
-from tracer.scene.model import (
-    DetectorModel,
-    MediumModel,
-    Scene,
-    SourceModel,
-    SurfaceModel,
-)
+from tracer.scene.model import Scene
 from tracer.scene.selecting import KINDS, SimulationModel, select_parts
+from tracer.sources.model import SourceModel
+from tracer.surfaces.registry import SURFACES
+from tracer.surfaces.surface import Surface
 
 __all__ = ["is_of_other_program", "load_scene", "parse_scene"]
 
@@ -62,7 +62,6 @@ _WORDS = (
 
 _NAMED: dict[str, type[BaseModel]] = {
     "media": MediumModel,
-    "surfaces": SurfaceModel,
     "sources": SourceModel,
     "detectors": DetectorModel,
 }
@@ -175,8 +174,14 @@ def parse_scene(
             name: _validated(model, entry, f"{table}.{name}", origin)
             for name, entry in entries.items()
         }
+    tree["surfaces"] = {
+        name: _of_kind(SURFACES, "surface", entry, f"surfaces.{name}", origin)
+        for name, entry in _table(tree, "surfaces", origin).items()
+    }
     tree["bodies"] = {
-        name: entry if isinstance(entry, Body) else _body(entry, name, origin)
+        name: entry
+        if isinstance(entry, Body)
+        else _of_kind(BODIES, "body", entry, f"bodies.{name}", origin)
         for name, entry in _table(tree, "bodies", origin).items()
     }
     return _validated(Scene, tree, "", origin)
@@ -232,15 +237,18 @@ def _table(tree: dict[str, Any], key: str, origin: str) -> dict[str, Any]:
     return entries
 
 
-def _body(entry: dict[str, Any], name: str, origin: str) -> Body:
+def _of_kind(
+    kinds: Registry[type[Model]], what: str, entry: dict[str, Any], place: str, origin: str
+) -> Model:
+    """An entry that says of which kind it is."""
     kind = entry.get("kind")
     if kind is None:
-        raise SceneError(f"{origin}: bodies.{name}: kind is missing; one of {', '.join(BODIES)}")
-    if not isinstance(kind, str) or kind not in BODIES:
+        raise SceneError(f"{origin}: {place}: kind is missing; one of {', '.join(kinds)}")
+    if not isinstance(kind, str) or kind not in kinds:
         raise SceneError(
-            f"{origin}: bodies.{name}.kind: there is no body {kind!r}{BODIES.nearest(str(kind))}"
+            f"{origin}: {place}.kind: there is no {what} {kind!r}{kinds.nearest(str(kind))}"
         )
-    return _validated(BODIES[kind], entry, f"bodies.{name}", origin)
+    return _validated(kinds[kind], entry, place, origin)
 
 
 def _with_copies(entries: dict[str, Any], table: str, origin: str) -> dict[str, Any]:
@@ -280,6 +288,12 @@ def _first_line(error: ValidationError, model: type[BaseModel], place: str) -> s
             return (
                 f"{key}: unknown key; {parts[-1]} belongs to a medium: write [media.NAME] with "
                 f'{parts[-1]}, and medium = "NAME" here'
+            )
+        if issubclass(model, Surface) and len(parts) == 1:
+            keys = ", ".join(name for name in model.model_fields if name != "kind")
+            return (
+                f"{key}: a {model.model_fields['kind'].default} surface has no {parts[-1]}; it "
+                f"takes {keys or 'nothing else'}"
             )
         known = dict.fromkeys(name for item in models for name in item.model_fields)
         return f"{key}: unknown key{nearest_names(parts[-1], known)}"

@@ -13,10 +13,12 @@ from raymap.model.directory import Medium
 from raymap.model.errors import RayMapError, SceneError
 from raymap.model.names import nearest_names
 from raymap.model.units import length_scale
+from tracer.description.channels import RGB_NM
 from tracer.description.fields import ByWavelength
+from tracer.media.model import MediumModel, Phase
 from tracer.optics import dispersion, phase
 from tracer.optics.glasses import Glass, find_glass
-from tracer.scene.model import RGB_NM, MediumModel, Phase, Scene
+from tracer.scene.model import Scene
 
 __all__ = ["MediumTable", "MissingAbsorption", "medium_table", "refractive_index"]
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from tracer.compiled import Contacts
 from tracer.geometry.shapes import Annulus, Polygon, Rectangle, Shape
 from tracer.scene.faces import Primitive
-from tracer.scene.model import SurfaceModel
+from tracer.surfaces.surface import Surface
 
 __all__ = ["HiddenSheet", "sheets_overlap", "warn_of_hidden_sheets"]
 
@@ -38,7 +38,7 @@ def warn_of_hidden_sheets(
     contacts: Contacts | None,
     faces: Sequence[Primitive],
     bodies: Sequence[str],
-    surfaces: Sequence[SurfaceModel],
+    surfaces: Sequence[Surface],
     size: float,
     place: str,
 ) -> None:
@@ -79,7 +79,7 @@ def warn_of_hidden_sheets(
 
 
 def _pairs(
-    contacts: Contacts, faces: Sequence[Primitive], surfaces: Sequence[SurfaceModel]
+    contacts: Contacts, faces: Sequence[Primitive], surfaces: Sequence[Surface]
 ) -> Iterator[tuple[int, int]]:
     """The sheet that light meets and the one it does not, where that changes what happens."""
     parts = Counter(face.object for face in faces)
@@ -90,17 +90,10 @@ def _pairs(
                 continue
             if (a.detector >= 0) != (b.detector >= 0):
                 continue
-            opaque = not (_transmits(surfaces[a.surface]) or _transmits(surfaces[b.surface]))
+            opaque = not (surfaces[a.surface].transmits() or surfaces[b.surface].transmits())
             alike = a.surface == b.surface or parts[a.object] > 1 or parts[b.object] > 1
             if not (opaque and alike):
                 yield one, other
-
-
-def _transmits(surface: SurfaceModel) -> bool:
-    """Whether light goes through a sheet of this surface."""
-    if surface.kind in ("dielectric", "rough_dielectric", "filter"):
-        return True
-    return bool(surface.transmittance) or surface.transmitted is not None
 
 
 def sheets_overlap(one: Sequence[Shape], other: Sequence[Shape], least: float) -> Flags:

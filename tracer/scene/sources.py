@@ -38,11 +38,12 @@ from tracer.compiled import (
     WORD_FEW,
     WORD_MANY,
 )
+from tracer.description.channels import RGB_NM
 from tracer.description.fields import ByWavelength
 from tracer.light import IntensityGrid, Opening, RayList
 from tracer.optics.dispersion import OutOfRangeWarning
 from tracer.optics.spectrum import SourceSpectrum, tabulated_spectrum
-from tracer.scene.model import RGB_NM, Scene
+from tracer.scene.model import Scene
 from tracer.sources.emission import deal_rays
 from tracer.sources.light_pool import LightPool, PooledList, length_in
 from tracer.sources.model import SourceModel, cone_cosine

@@ -20,7 +20,7 @@ from tracer.compiled import (
 
 if TYPE_CHECKING:
     from tracer.scene.compile import Compilation
-    from tracer.scene.model import Scene, SurfaceModel
+    from tracer.scene.model import Scene
 
 __all__ = [
     "NaturalLight",
@@ -113,7 +113,7 @@ def refuse_polarising_faces(compilation: Compilation) -> None:
                 name = directory.surfaces[face.surface].name
                 faces.setdefault(name, f"{item.name}.{face.name}")
     for name, model in scene.surfaces.items():
-        unknown = _unpolarised_key(model) if name in faces else None
+        unknown = model.splits_polarisation() if name in faces else None
         if unknown is not None:
             key, why = unknown
             raise SceneError(
@@ -143,18 +143,3 @@ def warn_of_polarised_sources(compilation: Compilation) -> None:
                 NaturalLight,
                 stacklevel=3,
             )
-
-
-def _unpolarised_key(model: SurfaceModel) -> tuple[str, str] | None:
-    """The key by which a surface treats s and p unlike, and what it does; None if there is none."""
-    if model.coating is not None:
-        return "coating", "a coating reflects s and p unlike"
-    if model.metal is not None:
-        return "metal", "a metal n + i k reflects s and p unlike"
-    if model.kind == "dielectric" and model.scatter is not None:
-        return "scatter", "scatter takes its share from the s and p light that is reflected"
-    if model.kind == "rough_dielectric":
-        return "kind", "the facets of a rough dielectric reflect s and p unlike"
-    if model.kind == "filter":
-        return "kind", "a filter reflects s and p unlike at its two faces"
-    return None

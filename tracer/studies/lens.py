@@ -20,8 +20,9 @@ from tracer.bodies.body import Body
 from tracer.bodies.lens import LensBody
 from tracer.bodies.mesh import MeshBody
 from tracer.bodies.ring import RingBody
+from tracer.media.model import MediumModel
 from tracer.scene.media import refractive_index
-from tracer.scene.model import MediumModel, Scene
+from tracer.scene.model import Scene
 
 __all__ = ["FirstOrder", "axial_surfaces", "examine", "first_order"]
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from raymap.model.errors import SceneError
 from tracer.compiled import (
@@ -16,15 +17,19 @@ from tracer.compiled import (
     F_SURFACE,
     MIRROR,
     S_KIND,
+    S_OWN,
+    S_OWN_SIZE,
+    S_SCATTER,
     S_STRIDE,
-    S_TABLE,
     WORLD,
     CompiledScene,
 )
 from tracer.optics.abg import scatter_share
-from tracer.surfaces.scattering import specular_share
+from tracer.surfaces.law import check_law
+from tracer.surfaces.specular import specular_share
+from tracer.surfaces.surface import Surface
 
-__all__ = ["check_scatter"]
+__all__ = ["check_laws", "check_scatter"]
 
 _LARGEST = 85
 """Angle up to which the law must be met [deg]: towards 90 degrees nothing is transmitted."""
@@ -50,19 +55,49 @@ def check_scatter(
     SceneError
         names the surface, the angle, the channel, and both shares
     """
-    kind, table = scene.surface_i[:, S_KIND], scene.surface_i[:, S_TABLE]
+    kind, table = scene.surface_i[:, S_KIND], scene.surface_i[:, S_SCATTER]
     lawful = (table >= 0) & np.isin(kind, (MIRROR, DIELECTRIC))
-    if scene.tables is None or not lawful.any():
+    for surface, medium, other in _sides(scene, lawful):
+        place = f"{origin}: surfaces.{surfaces[surface]}.scatter"
+        _check(scene, surface, medium, other, channels, place)
+
+
+def check_laws(scene: CompiledScene, surfaces: Sequence[tuple[str, Surface]], origin: str) -> None:
+    """Refuse surfaces whose `Law` sends on more light than arrives at the faces that have them.
+
+    Raises
+    ------
+    SceneError
+        see `tracer.surfaces.law.check_law`
+    """
+    laws = [surface.law for _, surface in surfaces]
+    for number, medium, other in _sides(scene, np.array([law is not None for law in laws])):
+        law = laws[number]
+        assert law is not None
+        assert scene.tables is not None
+        first, size = scene.surface_i[number, [S_OWN, S_OWN_SIZE]].tolist()
+        check_law(
+            law,
+            scene.tables[first : first + max(size, 0)],
+            float(scene.medium_f[medium, 0]),
+            float(scene.medium_f[other, 0]),
+            scene.n_channels,
+            f"{origin}: surfaces.{surfaces[number][0]}",
+        )
+
+
+def _sides(scene: CompiledScene, wanted: NDArray[np.bool_]) -> Iterator[tuple[int, int, int]]:
+    """Surfaces that faces have, with the media of light and beyond, from either side."""
+    if scene.tables is None or not wanted.any():
         return
     # The media on both sides of each face, the world's where there is no body
     media = np.append(scene.body_i[:, B_MEDIUM], scene.limits[WORLD])
     sides = media[scene.face_i[:, [F_INSIDE, F_OUTSIDE]]]
     rows = np.column_stack([scene.face_i[:, F_SURFACE], sides])
-    rows = np.unique(rows[lawful[scene.face_i[:, F_SURFACE]]], axis=0)
+    rows = np.unique(rows[wanted[scene.face_i[:, F_SURFACE]]], axis=0)
     for surface, inside, outside in rows.tolist():
-        for medium, other in ((inside, outside), (outside, inside)):
-            place = f"{origin}: surfaces.{surfaces[surface]}.scatter"
-            _check(scene, surface, medium, other, channels, place)
+        yield surface, inside, outside
+        yield surface, outside, inside
 
 
 def _check(
@@ -71,7 +106,7 @@ def _check(
     """Check a surface for light in ``medium`` with ``other`` beyond it."""
     tables = scene.tables
     assert tables is not None
-    first, stride = scene.surface_i[surface, [S_TABLE, S_STRIDE]].tolist()
+    first, stride = scene.surface_i[surface, [S_SCATTER, S_STRIDE]].tolist()
     mirror = scene.surface_i[surface, S_KIND] == MIRROR
     grazing = math.sin(math.radians(_LARGEST))
     for k, channel in enumerate(channels):

@@ -41,7 +41,9 @@ from tracer.compiled import (
 from tracer.geometry.mesh_arrays import MeshArrays, MeshScratch, mesh_scratch
 from tracer.geometry.mesh_hits import nearest_on_meshes
 from tracer.optics.phase import eval_phase
-from tracer.surfaces.towards import emitted_towards, scattered_towards
+from tracer.sources.towards import emitted_towards
+from tracer.surfaces.linking import link_surfaces
+from tracer.surfaces.towards import scattered_towards
 from tracer.transport.buffers import (
     KEY,
     MESH_BODY,
@@ -113,7 +115,8 @@ class Pinholes:
 
     def __init__(self, compilation: Compilation) -> None:
         self.compilation = compilation
-        self.scene = compilation.arrays._replace(rare=None)
+        arrays = compilation.arrays
+        self.scene = arrays._replace(rare=None, surface_i=arrays.surface_i.copy())
         directory = compilation.directory
         self.detectors = [k for k, d in enumerate(directory.detectors) if is_pinhole(d)]
         self.n_channels = compilation.channel_set.n_channels
@@ -250,6 +253,7 @@ class Pinholes:
     def _workspace(self) -> tuple[Buffers, MeshScratch | None]:
         if not hasattr(self._local, "buffers"):
             self._local.buffers = Workspace.create(self.scene, _BATCH).buffers
+            link_surfaces(self.scene.surface_i, towards=True)
             meshed = self.compilation.solids is not None
             self._local.scratch = mesh_scratch() if meshed else None
         return self._local.buffers, self._local.scratch

@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from raymap.model.errors import SceneError
 from raymap.model.portion import Portion
+from tracer.description.channels import Spectrum
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import load_scene
-from tracer.scene.model import Scene, Spectrum
+from tracer.scene.model import Scene
 from tracer.transport.wavefront import Wavefront
 
 __all__ = ["TracedRays", "trace_rays"]

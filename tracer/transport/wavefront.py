@@ -21,6 +21,7 @@ from raymap.model.portion import Portion
 from tracer.compiled import R_RAYS, R_SPLITS, CompiledScene, Faces
 from tracer.rays.colors import COLORS
 from tracer.sources.emission import emitted_counts
+from tracer.surfaces.linking import link_surfaces, surface_tasks
 from tracer.transport.buffers import (
     COUNTING,
     DESCRIPTORS,
@@ -128,7 +129,9 @@ class Wavefront:
         weighted: bool = False,
     ) -> None:
         self.meshes = meshes
-        self.scene = scene if weighted else scene._replace(rare=None)
+        self.scene = scene._replace(
+            rare=scene.rare if weighted else None, surface_i=scene.surface_i.copy()
+        )
         self.faces = self.scene.faces
         self.exact = exact
         rare = self.scene.rare
@@ -233,6 +236,7 @@ class Wavefront:
         return [
             *self._stage_tasks(b),
             self._emission(b),
+            *surface_tasks(self.scene.surface_i),
             task(store_block, 0, 0, b, assembly.columns, filled, few, few, False),
             task(
                 run_steps, Stages(0, 0, 0, 0), self.scene, self.faces, self._solids(), b,
@@ -269,6 +273,7 @@ class Wavefront:
 
     def _stages(self, b: Buffers, *, emits: bool) -> Stages:
         if not hasattr(self._local, "stages"):
+            link_surfaces(self.scene.surface_i)
             addresses = [address_of(item) for item in self._stage_tasks(b)]
             self._local.stages = Stages(*addresses, *[0] * (4 - len(addresses)))
         if emits and not self._local.stages.emit:

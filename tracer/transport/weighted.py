@@ -31,16 +31,19 @@ from tracer.compiled import (
     ROUGH_DIELECTRIC,
     ROUGH_MIRROR,
     S_KIND,
+    S_SAMPLE,
     TABULATED,
     RareLight,
 )
 from tracer.rays.random import advance, uniform
+from tracer.surfaces.filter import pass_filter
+from tracer.surfaces.interaction import Hit, Light, Optics
 from tracer.surfaces.meeting import meet_surface
-from tracer.surfaces.scattering import meet_filter, survive_metal
+from tracer.surfaces.metals import survive_metal
 from tracer.transport.splitting import Twins
 from tracer.transport.weighted_aim import aim_scattered, thin_out
 from tracer.transport.weighted_law import scatter
-from tracer.transport.weighted_rough import meet_diffuse, meet_measured, meet_rough
+from tracer.transport.weighted_rough import meet_diffuse, meet_law, meet_measured, meet_rough
 from tracer.transport.weighted_smooth import meet_smooth
 
 __all__ = ["aim_in_volume", "end_faint_ray", "meet"]
@@ -162,13 +165,20 @@ def _meet_scatterer(
             medium, other, dx, dy, dz, nx, ny, nz, cos_i, code, colors, counters, state,
         )  # fmt: skip
     if kind == FILTER:
-        happened, crosses, dx, dy, dz, code, state = meet_filter(
-            surface_f, medium_f, surface, medium, dx, dy, dz, cos_i, code, colors, counters, state
+        happened, _, _, _, code, state = pass_filter(
+            Optics(surface_i, surface_f, medium_f, tables),
+            Hit(surface, medium, other, 0.0, 0.0, cos_i),
+            Light(code, colors, counters, state),
         )
-        return happened, crosses, dx, dy, dz, code, state, weight
+        return happened, happened != _ABSORBED, dx, dy, dz, code, state, weight
     if kind in (TABULATED, RETROREFLECTOR):
         return meet_measured(
-            rare, x, y, z, weight, surface_i, surface_f, tables, surface, dx, dy, dz, nx, ny, nz,
-            cos_i, code, colors, counters, state,
+            rare, x, y, z, weight, surface_i, surface_f, medium_f, tables, surface, medium, other,
+            dx, dy, dz, nx, ny, nz, cos_i, code, colors, counters, state,
+        )  # fmt: skip
+    if surface_i[surface, S_SAMPLE] != 0:
+        return meet_law(
+            rare, x, y, z, weight, surface_i, surface_f, medium_f, tables, surface, medium, other,
+            dx, dy, dz, nx, ny, nz, cos_i, code, colors, counters, state,
         )  # fmt: skip
     return _ABSORBED, False, dx, dy, dz, code, state, weight

@@ -8,11 +8,11 @@ import numpy as np
 
 from raymap.jit.kernels import inline_kernel, inner_kernel
 from raymap.jit.types import F64, I64
-from tracer.compiled import R_LEAST, S_STRIDE, S_TABLE, RareLight
+from tracer.compiled import R_LEAST, S_SCATTER, S_STRIDE, RareLight
 from tracer.optics.abg import pdf_radial, sample_radial
 from tracer.rays.colors import COLORS, pick_channel, recolor
 from tracer.rays.random import advance, uniform
-from tracer.surfaces.scattering import scattered_parts
+from tracer.surfaces.specular import scattered_parts
 from tracer.transport.weighted_aim import aim_or_keep, balance, frame_about, likely_enough
 
 __all__ = ["scatter"]
@@ -26,7 +26,7 @@ def scatter(
     colors: F64, counters: I64, state: np.uint64,
 ) -> tuple[bool, float, float, float, int, np.uint64, float]:  # fmt: skip
     """Scatter specular light (direction d, normal on its side) by the surface's law, if any."""
-    if tables is None or surface_i[surface, S_TABLE] < 0:
+    if tables is None or surface_i[surface, S_SCATTER] < 0:
         return False, dx, dy, dz, code, state, weight
     return _scatter_by_law(
         rare, x, y, z, weight, surface_i, surface_f, medium_f, tables, surface, medium, other,
@@ -58,7 +58,7 @@ def _scatter_by_law(
         return False, dx, dy, dz, code, state, weight * (1.0 - part) / (1.0 - chance)
     weight *= part / chance
     code = recolor(colors, code, colors, parts, np.int64(0), counters)
-    table = surface_i[surface, S_TABLE]
+    table = surface_i[surface, S_SCATTER]
     if surface_i[surface, S_STRIDE] > 0:
         # The law has another shape in each channel: go on in one
         state = advance(state)

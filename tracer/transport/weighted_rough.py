@@ -6,17 +6,16 @@ import math
 
 import numpy as np
 
-from raymap.jit.kernels import inner_kernel
+from raymap.jit.kernels import inner_kernel, number
 from raymap.jit.types import F64, I64
 from raymap.model.events import Event
 from tracer.compiled import (
     M_DISPERSIVE,
     R_LEAST,
     ROUGH_DIELECTRIC,
+    S_FACETS,
     S_KIND,
-    S_METAL,
-    S_MODEL,
-    S_TABLE,
+    S_REFLECTED,
     S_TRANSMITTED,
     SURFACE_ROW,
     TABULATED,
@@ -30,12 +29,16 @@ from tracer.optics.microfacet import (
     sample_rough_dielectric,
 )
 from tracer.rays.colors import COLORS, mean_of, pick_channel, recolor, recolor_lost
-from tracer.rays.random import advance, uniform
-from tracer.surfaces.meeting import diffuse, recolor_diffuse_lost
-from tracer.surfaces.scattering import metal_reflectance, sample_measured, sample_retroreflector
+from tracer.rays.random import advance, five_uniform, uniform
+from tracer.surfaces.interaction import Hit, Light, Optics
+from tracer.surfaces.lambertian import diffuse, recolor_diffuse_lost
+from tracer.surfaces.law import density_by_law, draw_by_law, event_by_law, shares_by_law
+from tracer.surfaces.metals import metal_reflectance
+from tracer.surfaces.retroreflector import sample_retroreflector
+from tracer.surfaces.tabulated import sample_measured
 from tracer.transport.weighted_aim import aim_or_keep, balance, frame_about, likely_enough
 
-__all__ = ["meet_diffuse", "meet_measured", "meet_rough"]
+__all__ = ["meet_diffuse", "meet_law", "meet_measured", "meet_rough"]
 
 Weighted = tuple[int, bool, float, float, float, int, np.uint64, float]
 
@@ -84,22 +87,22 @@ def meet_diffuse(
 @inner_kernel
 def meet_measured(
     rare: RareLight, x: float, y: float, z: float, weight: float, surface_i: I64, surface_f: F64,
-    tables: F64, surface: int, dx: float, dy: float, dz: float, nx: float, ny: float, nz: float,
-    cos_i: float, code: int, colors: F64, counters: I64, state: np.uint64,
+    medium_f: F64, tables: F64, surface: int, medium: int, other: int, dx: float, dy: float,
+    dz: float, nx: float, ny: float, nz: float, cos_i: float, code: int, colors: F64,
+    counters: I64, state: np.uint64,
 ) -> Weighted:  # fmt: skip
     """Measured scatter: its side and its losses by roulette, its direction aimed. Also a
     retroreflector, which nothing is aimed from."""
     ux, uy, uz, vx, vy, vz = frame_about(nx, ny, nz)
     ix, iy = -(dx * ux + dy * uy + dz * uz), -(dx * vx + dy * vy + dz * vz)
     measured = surface_i[surface, S_KIND] == TABULATED
+    optics = Optics(surface_i, surface_f, medium_f, tables)
+    hit = Hit(surface, medium, other, ix, iy, cos_i)
+    light = Light(code, colors, counters, state)
     if measured:
-        happened, px, py, pz, code, state = sample_measured(
-            surface_i, tables, surface, ix, iy, cos_i, code, colors, state
-        )
+        happened, px, py, pz, code, state = sample_measured(optics, hit, light)
     else:
-        happened, px, py, pz, code, state = sample_retroreflector(
-            surface_f, surface, ix, iy, cos_i, code, colors, counters, state
-        )
+        happened, px, py, pz, code, state = sample_retroreflector(optics, hit, light)
     if happened == _ABSORBED:
         return happened, False, dx, dy, dz, code, state, weight
     crosses = pz < 0.0
@@ -107,7 +110,7 @@ def meet_measured(
     if not measured:
         return happened, crosses, ox, oy, oz, code, state, weight
     side = -1.0 if crosses else 1.0
-    table = surface_i[surface, S_TRANSMITTED] if crosses else surface_i[surface, S_TABLE]
+    table = surface_i[surface, S_TRANSMITTED] if crosses else surface_i[surface, S_REFLECTED]
     hx, hy, hz = side * nx, side * ny, side * nz
     ox, oy, oz, q, count, state = aim_or_keep(
         rare, x, y, z, hx, hy, hz, True, ox, oy, oz, weight, state
@@ -150,12 +153,12 @@ def meet_rough(
     state = advance(s4)
     if interface:
         px, py, pz, _ = sample_rough_dielectric(
-            tables, surface_i[surface, S_METAL], ix, iy, cos_i, alpha, n1, n2, uniform(s1),
+            tables, surface_i[surface, S_FACETS], ix, iy, cos_i, alpha, n1, n2, uniform(s1),
             uniform(s2), uniform(s3), uniform(s4), uniform(state),
         )  # fmt: skip
     else:
         px, py, pz, _ = sample_rough_conductor(
-            tables, surface_i[surface, S_MODEL], ix, iy, cos_i, alpha, uniform(s1), uniform(s2),
+            tables, surface_i[surface, S_FACETS], ix, iy, cos_i, alpha, uniform(s1), uniform(s2),
             uniform(s3), uniform(s4), uniform(state),
         )  # fmt: skip
     ox, oy, oz = px * ux + py * vx + pz * nx, px * uy + py * vy + pz * ny, px * uz + py * vz + pz * nz  # fmt: skip # noqa: E501
@@ -169,7 +172,7 @@ def meet_rough(
     if interface:
         if count > 0:
             density = pdf_rough_dielectric(
-                tables, surface_i[surface, S_METAL], ix, iy, cos_i, px, py, pz, alpha, n1, n2
+                tables, surface_i[surface, S_FACETS], ix, iy, cos_i, px, py, pz, alpha, n1, n2
             )
             weight *= balance(rare, x, y, z, nx, ny, nz, horizon, ox, oy, oz, q, count, density)
         if pz < 0.0:
@@ -177,7 +180,7 @@ def meet_rough(
         return event, pz < 0.0, ox, oy, oz, code, state, weight
     # A metal: weigh by a law of reflectance 1, then survive with the reflectance there
     single, multiple, cos_m = eval_rough_conductor(
-        tables, surface_i[surface, S_MODEL], ix, iy, cos_i, px, py, pz, alpha
+        tables, surface_i[surface, S_FACETS], ix, iy, cos_i, px, py, pz, alpha
     )
     density = (single + multiple) * max(0.0, pz)
     weight *= balance(rare, x, y, z, nx, ny, nz, horizon, ox, oy, oz, q, count, density)
@@ -195,3 +198,39 @@ def meet_rough(
         return _ABSORBED, False, dx, dy, dz, code, state, weight
     code = recolor(colors, code, colors, spare, np.int64(0), counters)
     return event, False, ox, oy, oz, code, state, weight
+
+
+@inner_kernel
+def meet_law(
+    rare: RareLight, x: float, y: float, z: float, weight: float, surface_i: I64, surface_f: F64,
+    medium_f: F64, tables: F64, surface: int, medium: int, other: int, dx: float, dy: float,
+    dz: float, nx: float, ny: float, nz: float, cos_i: float, code: int, colors: F64,
+    counters: I64, state: np.uint64,
+) -> Weighted:  # fmt: skip
+    """A surface that is described by a law; both sides are aimed at together."""
+    ux, uy, uz, vx, vy, vz = frame_about(nx, ny, nz)
+    wx, wy = -(dx * ux + dy * uy + dz * uz), -(dx * vx + dy * vy + dz * vz)
+    optics = Optics(surface_i, surface_f, medium_f, tables)
+    hit = Hit(number(surface), number(medium), number(other), wx, wy, cos_i)
+    u, state = five_uniform(state)
+    px, py, pz = draw_by_law(optics, hit, u[0], u[1], u[2])
+    ox, oy, oz = px * ux + py * vx + pz * nx, px * uy + py * vy + pz * ny, px * uz + py * vz + pz * nz  # fmt: skip # noqa: E501
+    ox, oy, oz, q, count, state = aim_or_keep(
+        rare, x, y, z, nx, ny, nz, False, ox, oy, oz, weight, state
+    )
+    if count > 0:
+        px, py = ox * ux + oy * uy + oz * uz, ox * vx + oy * vy + oz * vz
+        pz = ox * nx + oy * ny + oz * nz
+    density = density_by_law(optics, hit, px, py, pz)
+    weight *= balance(rare, x, y, z, nx, ny, nz, False, ox, oy, oz, q, count, density)
+    spare = counters[COLORS] + 1
+    shares_by_law(optics, hit, px, py, pz, density, colors, spare)
+    share = mean_of(colors, code, colors, spare, np.int64(0))
+    chance = likely_enough(share, rare.settings[R_LEAST])
+    if u[3] >= chance:
+        code = recolor_lost(colors, code, colors, spare, np.int64(0), counters)
+        lost = weight * (1.0 - share) / (1.0 - chance) if chance < 1.0 else 0.0
+        return _ABSORBED, False, dx, dy, dz, code, state, lost
+    code = recolor(colors, code, colors, spare, np.int64(0), counters)
+    weight *= share / chance
+    return event_by_law(optics, hit, pz), pz < 0.0, ox, oy, oz, code, state, weight

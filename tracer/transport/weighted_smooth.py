@@ -16,16 +16,16 @@ from raymap.model.events import Event
 from tracer.compiled import (
     M_DISPERSIVE,
     R_LEAST,
-    S_METAL,
+    S_COATING,
+    S_COATING_STEP,
     S_MODEL,
-    S_TRANSMITTED,
     SURFACE_ROW,
     RareLight,
 )
 from tracer.optics.fresnel import fresnel_reflectance
 from tracer.rays.colors import COLORS, pick_channel, recolor
 from tracer.rays.random import advance, uniform
-from tracer.surfaces.meeting import coating
+from tracer.surfaces.dielectric import coating
 from tracer.transport.splitting import T_CODE, T_EVENT, T_PENDING, Twins, keep_twin
 from tracer.transport.weighted_aim import likely_enough, thin_out
 from tracer.transport.weighted_law import scatter
@@ -161,7 +161,7 @@ def _shares(
     """Reflectance and transmittance of a smooth interface in channel k; total stays total."""
     n1, n2 = medium_f[medium, k], medium_f[other, k]
     if surface_i[surface, S_MODEL] == 2:
-        place = surface_i[surface, S_METAL] + k * surface_i[surface, S_TRANSMITTED]
+        place = surface_i[surface, S_COATING] + k * surface_i[surface, S_COATING_STEP]
         return coating(tables, place, n1, n2, cos_i)
     reflectance = fresnel_reflectance(n1, n2, cos_i)
     if reflectance < 1.0 and surface_i[surface, S_MODEL] != 0:

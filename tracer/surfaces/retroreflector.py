@@ -1,0 +1,84 @@
+"""Retroreflectors: light goes back where it came from."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from raymap.jit.kernels import inner_kernel, stage_kernel
+from raymap.jit.types import F64
+from tracer.compiled import RETROREFLECTOR, SURFACE_ROW
+from tracer.description.fields import Spectral
+from tracer.optics.bsdf import pdf_retro, sample_retro
+from tracer.rays.colors import mean_of, recolor, recolor_lost
+from tracer.rays.random import advance, uniform
+from tracer.surfaces.interaction import ABSORBED, GLOSSY_REFLECTION, Hit, Light, Optics, Outcome
+from tracer.surfaces.surface import Surface, SurfaceRow
+
+__all__ = [
+    "Retroreflector",
+    "meet_retroreflector",
+    "sample_retroreflector",
+    "towards_retroreflector",
+]
+
+
+@inner_kernel
+def sample_retroreflector(optics: Optics, hit: Hit, light: Light) -> Outcome:
+    """Reflection about the way back."""
+    surface_f, surface = optics.surface_f, hit.surface
+    colors, counters, code = light.colors, light.counters, light.code
+    state = advance(light.state)
+    if uniform(state) >= mean_of(colors, code, surface_f, surface, np.int64(SURFACE_ROW)):
+        code = recolor_lost(colors, code, surface_f, surface, np.int64(SURFACE_ROW), counters)
+        return ABSORBED, 0.0, 0.0, 1.0, code, state
+    code = recolor(colors, code, surface_f, surface, np.int64(SURFACE_ROW), counters)
+    state = advance(state)
+    u1 = uniform(state)
+    state = advance(state)
+    x, y, z = sample_retro(hit.wx, hit.wy, hit.wz, surface_f[surface, 0], u1, uniform(state))
+    return GLOSSY_REFLECTION, x, y, z, code, state
+
+
+@stage_kernel
+def meet_retroreflector(optics: Optics, hit: Hit, light: Light) -> Outcome:
+    """As `sample_retroreflector`."""
+    return sample_retroreflector(optics, hit, light)
+
+
+@stage_kernel
+def towards_retroreflector(
+    optics: Optics, hit: Hit, x: float, y: float, z: float, out: F64
+) -> bool:
+    """Light sent back towards a direction; none where the way back has no width."""
+    if optics.surface_f[hit.surface, 0] >= 1.0:
+        return False
+    value = pdf_retro(hit.wx, hit.wy, hit.wz, x, y, z, optics.surface_f[hit.surface, 0])
+    for k in range(len(out)):
+        out[k] = value * optics.surface_f[hit.surface, SURFACE_ROW + k]
+    return bool(value > 0.0)
+
+
+class Retroreflector(Surface):
+    """``reflectance`` within ``spread_deg`` of the way back."""
+
+    kind: Literal["retroreflector"] = "retroreflector"
+    reflectance: Spectral | None = None
+    spread_deg: Annotated[float, Field(ge=0, le=90)] | None = None
+    number = RETROREFLECTOR
+    meet = meet_retroreflector
+    towards = towards_retroreflector
+
+    def model_post_init(self, context: Any) -> None:
+        if self.reflectance is None:
+            raise ValueError("a retroreflector needs a reflectance")
+
+    def compile(self, row: SurfaceRow) -> None:
+        row.set_shares(self.reflectance, None)
+        row.numbers[0] = math.cos(math.radians(self.spread_deg or 0.0))
+
+
+KINDS = (Retroreflector,)

@@ -1,0 +1,114 @@
+"""Rough interfaces of two media: GGX facets."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+
+from raymap.jit.kernels import stage_kernel
+from raymap.jit.types import F64
+from raymap.model.events import Event
+from tracer.compiled import ROUGH_DIELECTRIC, S_FACETS
+from tracer.description.fields import Finite
+from tracer.optics import microfacet_losses
+from tracer.optics.fresnel import fresnel_reflectance
+from tracer.optics.microfacet import eval_rough_dielectric, sample_rough_dielectric
+from tracer.rays.colors import COLORS, pick_channel, recolor
+from tracer.rays.random import advance, five_uniform, uniform
+from tracer.surfaces.interaction import (
+    GLOSSY_REFLECTION,
+    GLOSSY_TRANSMISSION,
+    Hit,
+    Light,
+    Optics,
+    Outcome,
+)
+from tracer.surfaces.surface import Surface, SurfaceRow
+
+__all__ = ["RoughDielectric", "meet_rough_dielectric", "towards_rough_dielectric"]
+
+
+_SELECT = int(Event.DISPERSIVE_SELECT)
+
+
+@stage_kernel
+def meet_rough_dielectric(optics: Optics, hit: Hit, light: Light) -> Outcome:
+    """Reflection or refraction at facets.
+
+    Where the index depends on the channel, light that is refracted goes on in one channel.
+    """
+    medium_f, colors, code, state = optics.medium_f, light.colors, light.code, light.state
+    medium, other = hit.medium, hit.other
+    n_channels = colors.shape[1]
+    k = code if code < n_channels else 0
+    select = False
+    if code >= n_channels:
+        for j in range(1, n_channels):
+            select = select or medium_f[medium, j] != medium_f[medium, 0]
+            select = select or medium_f[other, j] != medium_f[other, 0]
+        if select:
+            state = advance(state)
+            k = pick_channel(colors, code, uniform(state))
+    u, state = five_uniform(state)
+    x, y, z, cos_m = sample_rough_dielectric(
+        optics.tables, optics.surface_i[hit.surface, S_FACETS], hit.wx, hit.wy, hit.wz,
+        optics.surface_f[hit.surface, 0], medium_f[medium, k], medium_f[other, k],
+        u[0], u[1], u[2], u[3], u[4],
+    )  # fmt: skip
+    event = GLOSSY_REFLECTION if z > 0.0 else GLOSSY_TRANSMISSION
+    if select:
+        if z > 0.0 and cos_m >= 0.0:
+            # All channels reflect at the same facets, each with its reflectance
+            spare = light.counters[COLORS] + 1
+            for j in range(n_channels):
+                colors[spare, j] = fresnel_reflectance(
+                    medium_f[medium, j], medium_f[other, j], cos_m
+                )
+            code = recolor(colors, code, colors, spare, np.int64(0), light.counters)
+        else:
+            code = k
+            event |= _SELECT
+    return event, x, y, z, code, state
+
+
+@stage_kernel
+def towards_rough_dielectric(
+    optics: Optics, hit: Hit, x: float, y: float, z: float, out: F64
+) -> bool:
+    """Light that facets send from w to a direction."""
+    for k in range(len(out)):
+        out[k] = abs(z) * eval_rough_dielectric(
+            optics.tables, optics.surface_i[hit.surface, S_FACETS], hit.wx, hit.wy, hit.wz, x, y,
+            z, optics.surface_f[hit.surface, 0], optics.medium_f[hit.medium, k],
+            optics.medium_f[hit.other, k],
+        )  # fmt: skip
+    return True
+
+
+class RoughDielectric(Surface):
+    """GGX facets of ``roughness`` 0 .. 1 (alpha) between two media."""
+
+    kind: Literal["rough_dielectric"] = "rough_dielectric"
+    roughness: Finite | None = None
+    number = ROUGH_DIELECTRIC
+    meet = meet_rough_dielectric
+    towards = towards_rough_dielectric
+
+    def model_post_init(self, context: Any) -> None:
+        if self.roughness is None:
+            raise ValueError("a rough_dielectric surface needs a roughness (alpha of GGX)")
+
+    def compile(self, row: SurfaceRow) -> None:
+        assert self.roughness is not None
+        row.numbers[0] = self.roughness
+        row.integers[S_FACETS] = row.pool.add(microfacet_losses.dielectric_table(self.roughness))
+
+    def transmits(self) -> bool:
+        return True
+
+    def splits_polarisation(self) -> tuple[str, str] | None:
+        return "kind", "the facets of a rough dielectric reflect s and p unlike"
+
+
+KINDS = (RoughDielectric,)

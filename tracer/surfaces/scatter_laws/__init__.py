@@ -1,0 +1,1 @@
+"""Laws of scatter about the specular direction: a law a file."""

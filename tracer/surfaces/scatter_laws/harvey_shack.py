@@ -1,0 +1,12 @@
+"""Harvey-Shack: b [1 + (rho / width)²]^(s / 2)."""
+
+from __future__ import annotations
+
+from tracer.optics.abg import harvey_shack
+from tracer.surfaces.scatter_laws.law import ScatterLaw
+
+__all__ = ["HARVEY_SHACK"]
+
+HARVEY_SHACK = ScatterLaw(word="harvey_shack", parameters=("b", "width", "s"), bsdf=harvey_shack)
+
+KINDS = (HARVEY_SHACK,)

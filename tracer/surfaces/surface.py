@@ -1,0 +1,175 @@
+"""What every surface of the scene description has, and the row that it fills for the engine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from raymap.model.errors import SceneError
+from tracer.compiled import S_COLUMNS, S_MEET, S_MODEL, S_OWN, S_OWN_SIZE, SURFACE_ROW
+from tracer.description.channels import RGB_NM
+from tracer.description.fields import ByWavelength, Node
+from tracer.surfaces.law import Law
+
+__all__ = ["Surface", "SurfaceRow", "TablePool"]
+
+Array = NDArray[np.float64]
+
+_BEFORE_KINDS = (
+    "reflectance", "transmittance", "metal", "roughness", "coating", "scatter", "index",
+    "spread_deg", "reflected", "transmitted",
+)  # fmt: skip
+"""Keys that every surface once had; scenes keep the fingerprints of that time."""
+
+
+class TablePool:
+    """The flat pool of all sampled functions, behind the tables of the media."""
+
+    def __init__(self, tables: Array) -> None:
+        self._tables = [tables]
+        self._size = len(tables)
+
+    def add(self, table: ArrayLike) -> int:
+        """Put a table into the pool; its place."""
+        place = self._size
+        self._tables.append(np.asarray(table, np.float64).ravel())
+        self._size += len(self._tables[-1])
+        return place
+
+    def joined(self) -> Array:
+        """All of it."""
+        return np.concatenate(self._tables)
+
+
+class SurfaceRow:
+    """The place of one surface in the tables of the engine.
+
+    Parameters
+    ----------
+    name : of the surface
+    origin : names the scene in messages
+    wavelengths_nm : of the channels
+    pool : for tables
+    indices : refractive index at the channels of a medium by its name; takes the key that names it
+        as well, for messages
+
+    Attributes
+    ----------
+    place : of the surface, for messages
+    integers : row of ``surface_i``
+    numbers : row of ``surface_f``: the kind's own `SURFACE_ROW` numbers, then what follows
+    reflectance, transmittance : per channel
+    """
+
+    def __init__(
+        self,
+        name: str,
+        origin: str,
+        wavelengths_nm: Array,
+        pool: TablePool,
+        indices: Callable[[str, str], Array],
+    ) -> None:
+        n = len(wavelengths_nm)
+        self.name = name
+        self.place = f"{origin}: surfaces.{name}"
+        self.wavelengths_nm = wavelengths_nm
+        self.pool = pool
+        self.integers = np.full(S_COLUMNS, -1, np.int64)
+        self.integers[S_MODEL] = 0
+        self.integers[S_MEET:] = 0
+        self.numbers = np.zeros(SURFACE_ROW + 2 * n)
+        self.reflectance = self.numbers[SURFACE_ROW : SURFACE_ROW + n]
+        self.transmittance = self.numbers[SURFACE_ROW + n :]
+        self._indices = indices
+
+    def at(self, given: ByWavelength) -> Array:
+        """A quantity at the channels.
+
+        Raises
+        ------
+        SceneError
+        """
+        try:
+            return given.at(self.wavelengths_nm, np.array(RGB_NM))
+        except SceneError as error:
+            raise SceneError(f"{self.place}: {error}") from None
+
+    def index_of(self, medium: str, key: str) -> Array:
+        """Refractive index of a medium of the scene at the channels.
+
+        Raises
+        ------
+        SceneError
+            there is no such medium
+        """
+        return self._indices(medium, f"surfaces.{self.name}.{key}")
+
+    def set_own(self, numbers: ArrayLike) -> None:
+        """Set the numbers that a kind's law is handed."""
+        own = np.asarray(numbers, np.float64).ravel()
+        self.integers[S_OWN] = self.pool.add(own)
+        self.integers[S_OWN_SIZE] = len(own)
+
+    def set_shares(
+        self, reflectance: ByWavelength | None, transmittance: ByWavelength | None
+    ) -> None:
+        """Set reflectance and transmittance by channel, 0 where they are not given.
+
+        Raises
+        ------
+        SceneError
+            where they do not lie between 0 and 1 together
+        """
+        if reflectance is not None:
+            self.reflectance[:] = self.at(reflectance)
+        if transmittance is not None:
+            self.transmittance[:] = self.at(transmittance)
+        total = self.reflectance + self.transmittance
+        if total.max() > 1.0 + 1e-12 or min(self.reflectance.min(), self.transmittance.min()) < 0.0:
+            raise SceneError(
+                f"{self.place}: reflectance + transmittance is {total.max():g}; it must lie "
+                "between 0 and 1 in every channel"
+            )
+
+
+class Surface(Node):
+    """Optical properties of faces: what all kinds share.
+
+    A kind is a class in a file of its own. It declares its keys, fills its row of the engine's
+    tables (`compile`), and says with which compiled functions light meets it: ``law``, or ``meet``
+    and ``towards``.
+    """
+
+    kind: str
+
+    number: ClassVar[int] = -1
+    """Of a built-in kind, in ``surface_i``; others get one that is made of their word."""
+    meet: ClassVar[Any] = None
+    towards: ClassVar[Any] = None
+    """Compiled functions for `tracer.surfaces.interaction.MEET` and ``TOWARDS``."""
+    law: ClassVar[Law | None] = None
+    """Instead of these: what they are made of (`tracer.surfaces.law`)."""
+
+    def compile(self, row: SurfaceRow) -> None:
+        """Fill the row.
+
+        Raises
+        ------
+        SceneError
+        """
+        raise TypeError(f"{type(self).__name__} is not a surface")
+
+    def transmits(self) -> bool:
+        """Whether light goes through a sheet that has the surface."""
+        return False
+
+    def splits_polarisation(self) -> tuple[str, str] | None:
+        """The key by which s and p are treated unlike, and what it does; None if there is none."""
+        return None
+
+    def fingerprint(self) -> dict[str, Any]:
+        """All keys with their values, the same for a surface of any version."""
+        return dict.fromkeys(_BEFORE_KINDS) | self.model_dump(mode="json")
