@@ -66,13 +66,17 @@ number of bits, else the second."""
 # outer radius 12-13, cosine that limits the cone 14, direction of a collimated beam 15-17, normal
 # in the record 18-20, place in the pool of light 21, tilt of a ring [rad] or half size along the
 # axis of a body that shines 22, then the shares of the channels (C)
-L_AREA, L_DIRECTIONS, L_CODE, L_NEST, L_MEDIUM = range(5)
+# Of source_i the last: number of the kind, and addresses of what it emits with, 0 until known
+L_AREA, L_DIRECTIONS, L_CODE, L_NEST, L_MEDIUM, L_KIND, L_EMIT, L_TOWARDS = range(8)
+L_COLUMNS = 8
 SOURCE_ROW = 24
 
 # Columns of detector_i; detector_f: center 0-2, u 3-5, v 6-8, looking direction 9-11, full size
 # 12-13, smallest accepted cosine 14, 1 where both sides register 15. Virtual: a plane that light
 # passes
-D_CELLS_U, D_CELLS_V, D_VIRTUAL = range(3)
+# Kind: 0 but for kinds of other distributions, whose function has an address (0 until known)
+D_CELLS_U, D_CELLS_V, D_VIRTUAL, D_KIND, D_REGISTER = range(5)
+D_COLUMNS = 5
 
 # Entries of limits
 DEPTH, WORLD, VIRTUAL = range(3)
@@ -95,6 +99,8 @@ FROM_DISC, FROM_RECTANGLE, FROM_POINT, FROM_RING, FROM_PICTURE, FROM_LIST = rang
 FROM_ELLIPSE, FROM_BOX, FROM_ELLIPSOID = range(6, 9)
 # ... cylinders whose axis is u, v or the normal
 FROM_CYLINDER_U, FROM_CYLINDER_V, FROM_CYLINDER_N = range(9, 12)
+# ... or as a kind of another distribution does (`tracer.sources.source`)
+FROM_KIND = 12
 COLLIMATED, LAMBERTIAN_CONE, UNIFORM_CONE, BY_TABLE = range(4)
 
 
@@ -104,8 +110,9 @@ COLLIMATED, LAMBERTIAN_CONE, UNIFORM_CONE, BY_TABLE = range(4)
 #   a flat map of a face: width and height 12-13, side 14 (+1 light from outside, -1 from inside)
 #   a map around an axis: lowest and highest place along it 12-13, side 14
 #   a map by triangle: first triangle 12, side 14
-VIEW_ROW = 16
-NO_VIEW, FAR_FIELD, CAMERA, FLAT_MAP, ROUND_MAP, TRIANGLE_MAP = range(6)
+#   a kind of another distribution: numbers of its own 12-23
+VIEW_ROW = 24
+NO_VIEW, FAR_FIELD, CAMERA, FLAT_MAP, ROUND_MAP, TRIANGLE_MAP, VIEW_BY_KIND = range(7)
 
 
 class Views(NamedTuple):

@@ -41,13 +41,15 @@ from tracer.crystals.rows import ISOTROPIC, KIND
 from tracer.description.channels import RGB_NM
 from tracer.description.fields import Node
 from tracer.description.named_files import named_file
+from tracer.detectors.model import DetectorModel
 from tracer.media.model import MediumModel
 from tracer.run.results import depth_limit
 from tracer.scene.model import Scene
 from tracer.scene.supported import refuse_weighting
+from tracer.sources.model import SourceModel
 
 if TYPE_CHECKING:
-    from tracer.sources.model import SourceModel
+    from tracer.sources.source import Source
 
 __all__ = [
     "CrystalEngine",
@@ -307,9 +309,9 @@ def _planes(body: BoxBody | PrismBody) -> Array:
     return np.array(rows)
 
 
-def _pencil(scene: Scene, name: str, source: SourceModel) -> Pencil:
+def _pencil(scene: Scene, name: str, source: Source) -> Pencil:
     place = f"sources.{name}"
-    if source.kind not in ("collimated", "point"):
+    if not isinstance(source, SourceModel) or source.kind not in ("collimated", "point"):
         raise _refused(scene, f"{place}.kind", "light for crystals is collimated or point")
     if source.size is not None or source.inner_diameter > 0.0:
         raise _refused(scene, f"{place}.size", "light for crystals comes from a disc: diameter")
@@ -337,7 +339,7 @@ def _pencil(scene: Scene, name: str, source: SourceModel) -> Pencil:
 
 def _plane(scene: Scene, name: str) -> PlaneDetector:
     model, place = scene.detectors[name], f"detectors.{name}"
-    if model.kind != "plane":
+    if not isinstance(model, DetectorModel) or model.kind != "plane":
         raise _refused(scene, f"{place}.kind", "crystals are seen by plane detectors")
     if model.both_sides or model.acceptance_deg < 90.0 or model.surface is not None:
         raise _refused(

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, field_serializer
 
-from tracer.description.fields import Node, Positive, Vector, is_direction
+from tracer.description.fields import Positive, Vector, is_direction
+from tracer.detectors.detector import DetectorKind
 
 __all__ = ["DetectorModel"]
 
 Array = NDArray[np.float64]
-Side = Annotated[int, Field(ge=1, le=65_535)]
 Field180 = Annotated[float, Field(gt=0, lt=180)]
 
 _KEYS: dict[str, tuple[str, ...]] = {
@@ -42,7 +42,7 @@ def _parallel(a: Vector, b: Vector) -> bool:
     return bool(np.linalg.norm(np.cross(u, v)) < 1e-9)
 
 
-class DetectorModel(Node):
+class DetectorModel(DetectorKind):
     """A grid of cells that counts light.
 
     plane : a rectangle that ``looks`` in a direction, ``up`` along its v axis (without it +y, or +z
@@ -61,7 +61,6 @@ class DetectorModel(Node):
     looks: Vector = (0.0, 0.0, 1.0)
     up: Vector | None = None
     size: tuple[Positive, Positive] = (1.0, 1.0)
-    cells: tuple[Side, Side] | None = None
     blocking: bool = False
     surface: str | None = None
     acceptance_deg: Annotated[float, Field(gt=0, le=90)] = 90.0
@@ -154,3 +153,6 @@ class DetectorModel(Node):
         half = math.tan(math.radians(self.field_deg / 2.0))
         longer = max(self.cells)
         return half * self.cells[0] / longer, half * self.cells[1] / longer
+
+
+KINDS = (DetectorModel,)

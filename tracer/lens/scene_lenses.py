@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tracer.bodies.lens import LensBody
 from tracer.compiled import DIELECTRIC, F_OBJECT, F_SURFACE, S_KIND, S_MODEL, S_SCATTER
+from tracer.detectors.model import DetectorModel
 from tracer.lens.errors import LensError
 from tracer.lens.glass import Glass
 from tracer.lens.lens import Lens
@@ -113,7 +114,12 @@ class LensScene:
         media = [medium.name for medium in directory.media]
         objects = [item.name for item in directory.objects]
         outside = media.index(scene.world.medium)
-        for name, detector in scene.detectors.items():
+        detectors = {
+            name: model
+            for name, model in scene.detectors.items()
+            if isinstance(model, DetectorModel)
+        }
+        for name, detector in detectors.items():
             if detector.blocking and not _absorbs(compilation, detector.surface or "absorber"):
                 raise LensError(
                     f"detectors.{name}.surface: {detector.surface!r} is no absorber, as every "
@@ -151,7 +157,7 @@ class LensScene:
                 both_sides=model.both_sides,
                 object=objects.index(name) if model.blocking else -1,
             )
-            for number, (name, model) in enumerate(scene.detectors.items())
+            for number, (name, model) in enumerate(detectors.items())
         )
         return cls(compilation=compilation, lenses=tuple(lenses), planes=planes, outside=outside)
 

@@ -39,6 +39,7 @@ from tracer.compiled import (
     RareLight,
 )
 from tracer.description.named_files import named_file
+from tracer.detectors.model import DetectorModel
 from tracer.geometry.kinds import ANNULUS, CYLINDER, MESH, RECTANGLE, SPHERE
 from tracer.geometry.shape_columns import ShapeColumns
 from tracer.scene.candidates import Candidates, Departures
@@ -118,7 +119,10 @@ class _Compiler:
     def _check_counts(self) -> None:
         """Refuse what a map cannot number before anything is worked out for it."""
         scene = self.scene
-        blocking = sum(detector.blocking for detector in scene.detectors.values())
+        blocking = sum(
+            isinstance(detector, DetectorModel) and detector.blocking
+            for detector in scene.detectors.values()
+        )
         for key, count, what in (
             ("bodies", len(self.bodies) + blocking, "bodies and blocking detectors"),
             ("sources", len(scene.sources), "sources"),
@@ -243,7 +247,7 @@ class _Compiler:
         planes = {
             name: (self.detectors.plane(model), model.both_sides)
             for name, model in self.scene.detectors.items()
-            if model.kind in ("plane", "camera")
+            if isinstance(model, DetectorModel) and model.kind in ("plane", "camera")
         }
         return compile_rare_light(self.scene.trace, self.faces.shapes(), planes, self.scene.origin)
 

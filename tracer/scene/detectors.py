@@ -14,13 +14,18 @@ from raymap.model.errors import SceneError
 from raymap.model.names import nearest_names
 from tracer.compiled import (
     CAMERA,
+    D_COLUMNS,
+    D_KIND,
     D_VIRTUAL,
     FAR_FIELD,
     NO_VIEW,
     TRIANGLE_MAP,
+    VIEW_BY_KIND,
     VIEW_ROW,
     Views,
 )
+from tracer.detectors.detector import ViewDetector
+from tracer.detectors.linking import detector_number
 from tracer.detectors.model import DetectorModel
 from tracer.detectors.surface_maps import map_face
 from tracer.geometry.mesh import TriangleMesh
@@ -68,11 +73,14 @@ class DetectorTable:
 
     def boxes(self) -> list[tuple[Array, Array]]:
         """Boxes of the detectors that have a place of their own."""
-        return [
-            self.plane(model).bounds()
-            for _, model in self.models
-            if model.kind in ("plane", "camera", "pinhole")
-        ]
+        found = []
+        for _, model in self.models:
+            if isinstance(model, ViewDetector):
+                box = model.box()
+                found += [] if box is None else [box]
+            elif isinstance(model, DetectorModel) and model.kind in ("plane", "camera", "pinhole"):
+                found.append(self.plane(model).bounds())
+        return found
 
     @staticmethod
     def plane(model: DetectorModel) -> Rectangle:
@@ -90,11 +98,17 @@ class DetectorTable:
             for faces that are not there or cannot be mapped
         """
         n = len(self.models)
-        integers = np.zeros((n, 3), np.int64)
+        integers = np.zeros((n, D_COLUMNS), np.int64)
         numbers = np.zeros((n, 16))
         views = Views(kind=np.zeros(n, np.int64), numbers=np.zeros((n, VIEW_ROW)))
         for k, (name, model) in enumerate(self.models):
             row, view = numbers[k], views.numbers[k]
+            if isinstance(model, ViewDetector):
+                self.entries.append(self._view(name, model, k, views))
+                integers[k, :2] = self.entries[-1].cells
+                integers[k, D_KIND] = detector_number(type(model))
+                continue
+            assert isinstance(model, DetectorModel)
             u, v, axis = model.axes()
             row[0:3], row[3:6], row[6:9], row[9:12] = model.position, u, v, axis
             row[12:14] = model.size
@@ -107,12 +121,34 @@ class DetectorTable:
             else:
                 entry = self._entry(name, model, k, views)
             self.entries.append(entry)
-            integers[k] = (*entry.cells, model.virtual_plane)
+            integers[k, :3] = (*entry.cells, model.virtual_plane)
         return CompiledDetectors(
             integers=integers,
             numbers=numbers,
             views=views if np.any(views.kind != NO_VIEW) else None,
             virtual=bool(np.any(integers[:, 2])),
+        )
+
+    def _view(self, name: str, model: ViewDetector, k: int, views: Views) -> Detector:
+        """A detector of a kind of another distribution."""
+        if model.cells is None:
+            raise self.fail(f"{name}.cells", "is missing")
+        u, v, axis = model.axes()
+        views.kind[k] = VIEW_BY_KIND
+        view = views.numbers[k]
+        view[0:3], view[3:6], view[6:9], view[9:12] = model.center(), u, v, axis
+        own = np.asarray(model.own(), np.float64)
+        view[12 : 12 + len(own)] = own
+        return Detector(
+            name=name,
+            kind=model.stored,
+            cells=model.cells,
+            center=model.center(),
+            axis_u=tuple(u.tolist()),
+            axis_v=tuple(v.tolist()),
+            size=model.extent(),
+            uv_meaning="projection",
+            parameters={"kind": model.kind} | model.parameters(),
         )
 
     def _entry(self, name: str, model: DetectorModel, k: int, views: Views) -> Detector:

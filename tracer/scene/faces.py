@@ -16,6 +16,7 @@ from raymap.model.names import nearest_names
 from tracer.bodies.body import Body, FacePlan
 from tracer.bodies.lens import LensBody
 from tracer.bodies.mesh import MeshBody
+from tracer.detectors.model import DetectorModel
 from tracer.geometry.mesh import TriangleMesh
 from tracer.geometry.shape_columns import ShapeColumns
 from tracer.geometry.shapes import SEGMENTS, Polygon, Rectangle, Shape
@@ -134,7 +135,7 @@ class FaceTable:
             else:
                 self._add_body(name, body, cemented.get(name))
         for number, (name, detector) in enumerate(self.scene.detectors.items()):
-            if detector.blocking:
+            if isinstance(detector, DetectorModel) and detector.blocking:
                 u, v, _ = detector.axes()
                 shape = Rectangle(np.array(detector.position), u, v, detector.size)
                 self._add_detector(name, number, shape, detector.surface or "absorber")

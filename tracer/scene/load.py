@@ -16,14 +16,14 @@ from raymap.model.names import nearest_names
 from raymap.model.registry import Registry
 from tracer.bodies.body import Body
 from tracer.bodies.registry import BODIES
-from tracer.detectors.model import DetectorModel
+from tracer.detectors.registry import DETECTORS
 from tracer.geometry.mesh_files import SUFFIXES as MESH_SUFFIXES
 from tracer.media.model import MediumModel
 from tracer.scene.copies import CopiesModel, with_copies
 from tracer.scene.files import FILE_TABLES, table_of_bodies, table_of_scene_file
 from tracer.scene.model import Scene
 from tracer.scene.selecting import KINDS, SimulationModel, select_parts
-from tracer.sources.model import SourceModel
+from tracer.sources.registry import SOURCES
 from tracer.surfaces.registry import SURFACES
 from tracer.surfaces.surface import Surface
 
@@ -62,8 +62,6 @@ _WORDS = (
 
 _NAMED: dict[str, type[BaseModel]] = {
     "media": MediumModel,
-    "sources": SourceModel,
-    "detectors": DetectorModel,
 }
 
 
@@ -177,6 +175,16 @@ def parse_scene(
     tree["surfaces"] = {
         name: _of_kind(SURFACES, "surface", entry, f"surfaces.{name}", origin)
         for name, entry in _table(tree, "surfaces", origin).items()
+    }
+    tree["sources"] = {
+        name: _of_kind(SOURCES, "source", entry, f"sources.{name}", origin)
+        for name, entry in _table(tree, "sources", origin).items()
+    }
+    tree["detectors"] = {
+        name: _of_kind(
+            DETECTORS, "detector", {"kind": "plane"} | entry, f"detectors.{name}", origin
+        )
+        for name, entry in _table(tree, "detectors", origin).items()
     }
     tree["bodies"] = {
         name: entry

@@ -13,11 +13,11 @@ from pydantic import Field, SerializeAsAny
 from tracer.bodies.body import Body
 from tracer.description.channels import Spectrum
 from tracer.description.fields import Node
-from tracer.detectors.model import DetectorModel
+from tracer.detectors.detector import DetectorKind
 from tracer.media.model import MediumModel
 from tracer.scene.rare_light import TraceModel
 from tracer.scene.selecting import Selecting
-from tracer.sources.model import SourceModel
+from tracer.sources.source import Source
 from tracer.surfaces.surface import Surface
 
 __all__ = ["Limits", "Scene", "World"]
@@ -51,8 +51,8 @@ class Scene(Node):
     media: dict[str, MediumModel] = {}
     surfaces: dict[str, SerializeAsAny[Surface]] = {}
     bodies: dict[str, SerializeAsAny[Body]] = {}
-    sources: dict[str, SourceModel] = {}
-    detectors: dict[str, DetectorModel] = {}
+    sources: dict[str, SerializeAsAny[Source]] = {}
+    detectors: dict[str, SerializeAsAny[DetectorKind]] = {}
     contacts: tuple[tuple[str, str], ...] = ()
     selecting: Selecting = Selecting()
     text: str = ""

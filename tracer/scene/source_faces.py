@@ -12,7 +12,15 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tracer.compiled import FROM_BOX, FROM_LIST, FROM_POINT, L_AREA, L_DIRECTIONS, UNIFORM_CONE
+from tracer.compiled import (
+    FROM_BOX,
+    FROM_KIND,
+    FROM_LIST,
+    FROM_POINT,
+    L_AREA,
+    L_DIRECTIONS,
+    UNIFORM_CONE,
+)
 from tracer.geometry.kinds import MESH, SPHERE
 from tracer.geometry.shape_columns import ShapeColumns
 from tracer.scene.sources import CompiledSources
@@ -45,7 +53,8 @@ def lift_off_faces(sources: CompiledSources, shapes: ShapeColumns, reach: float)
         on = (np.abs(sense) > 1.0 - _PARALLEL) & (np.abs(before) <= reach)
         if on.any():
             # A luminous body hangs from the face as a whole
-            half = numbers[k, 22] if integers[L_AREA] >= FROM_BOX else 0.0
+            body = FROM_BOX <= integers[L_AREA] < FROM_KIND
+            half = numbers[k, 22] if body else 0.0
             numbers[k, 0:3] += (reach + half - before[on].min()) * axis
             low, high, beam = boxes[k]
             margin = 2.0 * reach + half

@@ -26,11 +26,14 @@ from tracer.compiled import (
     FROM_DISC,
     FROM_ELLIPSE,
     FROM_ELLIPSOID,
+    FROM_KIND,
     FROM_LIST,
     FROM_PICTURE,
     FROM_POINT,
     FROM_RECTANGLE,
     FROM_RING,
+    L_COLUMNS,
+    L_KIND,
     LAMBERTIAN_CONE,
     NEST_BITS,
     SOURCE_ROW,
@@ -46,7 +49,9 @@ from tracer.optics.spectrum import SourceSpectrum, tabulated_spectrum
 from tracer.scene.model import Scene
 from tracer.sources.emission import deal_rays
 from tracer.sources.light_pool import LightPool, PooledList, length_in
+from tracer.sources.linking import source_number
 from tracer.sources.model import SourceModel, cone_cosine
+from tracer.sources.source import Source
 from tracer.sources.spectra import SpectrumModel, convert_flux, source_shares
 
 __all__ = ["CompiledSources", "SourceTable"]
@@ -117,8 +122,10 @@ class SourceTable:
     def fail(self, key: str, message: str) -> SceneError:
         return SceneError(f"{self.scene.origin}: sources.{key}: {message}")
 
-    def _measured(self, name: str, model: SourceModel) -> IntensityGrid | RayList | None:
-        if model.kind not in ("intensity", "rays") or not model.on:
+    def _measured(self, name: str, model: Source) -> IntensityGrid | RayList | None:
+        if not isinstance(model, SourceModel) or not model.on:
+            return None
+        if model.kind not in ("intensity", "rays"):
             return None
         return model.measured(self.scene.folder, f"{self.scene.origin}: sources.{name}")
 
@@ -131,7 +138,7 @@ class SourceTable:
         """
         n, n_channels = len(self.models), len(self.wavelengths)
         numbers = np.zeros((n, SOURCE_ROW + n_channels))
-        integers = np.zeros((n, 5), np.int64)
+        integers = np.zeros((n, L_COLUMNS), np.int64)
         pool = LightPool(self.wavelengths, rgb=self.rgb)
         lights = [self._light(name, model) for name, model in self.models]
         fluxes = np.array(
@@ -160,7 +167,8 @@ class SourceTable:
                 )
             code = int(np.argmax(color)) if color.max() == 1.0 else n_channels + k
             nest, medium = self._nest(name, model)
-            integers[k] = area, directions, code, nest, medium
+            integers[k, :5] = area, directions, code, nest, medium
+            integers[k, L_KIND] = source_number(type(model))
             boxes.append(self._box(k, model))
         flat, rays = pool.finish()
         return CompiledSources(
@@ -183,7 +191,7 @@ class SourceTable:
     def _shape(
         self,
         name: str,
-        model: SourceModel,
+        model: Source,
         k: int,
         row: Array,
         pool: LightPool,
@@ -192,8 +200,12 @@ class SourceTable:
         """Fill the row of a source; the kinds of its area and of its directions."""
         origin, frame = model.frame()
         row[0:3], row[3:6], row[6:9], row[9:12] = origin, frame[:, 2], frame[:, 0], frame[:, 1]
-        row[14] = cone_cosine(model)
         row[15:18] = frame[:, 2]
+        if not isinstance(model, SourceModel):
+            row[18:21] = frame[:, 2]
+            row[21] = pool.add_own(model.own())
+            return FROM_KIND, UNIFORM_CONE
+        row[14] = cone_cosine(model)
         light = self.light[k]
         area = self._area(model, light, row)
         if area != FROM_POINT and area < FROM_BOX:
@@ -225,8 +237,9 @@ class SourceTable:
             return area, COLLIMATED
         return area, UNIFORM_CONE if model.kind in ("point", "rays") else LAMBERTIAN_CONE
 
-    def _area(self, model: SourceModel, light: IntensityGrid | RayList | None, row: Array) -> int:
+    def _area(self, model: Source, light: IntensityGrid | RayList | None, row: Array) -> int:
         """Kind of the emitting area; its sizes are entered in the row of the source."""
+        assert isinstance(model, SourceModel)
         opening = self._opening(model, light)
         if opening is None:
             return FROM_POINT
@@ -242,9 +255,12 @@ class SourceTable:
         return FROM_DISC
 
     def _opening(
-        self, model: SourceModel, light: IntensityGrid | RayList | None
+        self, model: Source, light: IntensityGrid | RayList | None
     ) -> float | tuple[float, float] | Opening | None:
         """Diameter, size or shape of the emitting area; that of the scene file comes first."""
+        if not isinstance(model, SourceModel):
+            across, along, high = model.half_size()
+            return Opening(shape="box", size=(2.0 * across, 2.0 * along, 2.0 * high))
         if model.size is not None or model.diameter is not None:
             return model.size or model.diameter
         if not isinstance(light, IntensityGrid) or light.opening is None:
@@ -258,11 +274,11 @@ class SourceTable:
             return light.opening[0] * scale, light.opening[1] * scale
         return light.opening * scale
 
-    def _box(self, k: int, model: SourceModel) -> Box:
+    def _box(self, k: int, model: Source) -> Box:
         origin, frame = model.frame()
         beam = frame[:, 2] if model.kind == "collimated" else np.zeros(3)
         light = self.light[k]
-        if isinstance(light, RayList):
+        if isinstance(light, RayList) and isinstance(model, SourceModel):
             points = light.positions @ frame.T.astype(np.float32) * np.float32(self._scale(model, light))  # fmt: skip # noqa: E501
             low, high = points.min(axis=0).astype(float), points.max(axis=0).astype(float)
             margin = 1e-6 * (1.0 + float(np.abs([low, high]).max()))
@@ -286,7 +302,7 @@ class SourceTable:
             return 1.0
         return length_in(light.length_unit, self.scene.length_unit)
 
-    def _nest(self, name: str, model: SourceModel) -> tuple[int, int]:
+    def _nest(self, name: str, model: Source) -> tuple[int, int]:
         """Nest and medium in which the source's light starts (see `tracer.transport.nests`)."""
         within: list[str] = []
         for solid in model.inside:
@@ -317,7 +333,7 @@ class SourceTable:
 
     # -- colour and flux -----------------------------------------------------------------------
 
-    def _light(self, name: str, model: SourceModel) -> SourceSpectrum | None:
+    def _light(self, name: str, model: Source) -> SourceSpectrum | None:
         """The spectrum of a source as a law over wavelength, None for white or R, G, B."""
         try:
             if isinstance(model.spectrum, SpectrumModel):
@@ -330,7 +346,7 @@ class SourceTable:
             raise self.fail(f"{name}.spectrum", str(error)) from None
         return None
 
-    def _color(self, name: str, model: SourceModel, light: SourceSpectrum | None) -> Array:
+    def _color(self, name: str, model: Source, light: SourceSpectrum | None) -> Array:
         if light is not None:
             try:
                 return source_shares(light, self.wavelengths, rgb=self.rgb)
@@ -347,14 +363,19 @@ class SourceTable:
             )
         return np.asarray(color / color.sum())
 
-    def _flux(self, name: str, model: SourceModel, k: int, light: SourceSpectrum | None) -> float:
+    def _flux(self, name: str, model: Source, k: int, light: SourceSpectrum | None) -> float:
         """Flux of a source in the unit of the map."""
         wanted = self.scene.flux_unit
         given, unit = model.flux, model.flux_unit or wanted
         measured = self.light[k]
         if given is None and isinstance(measured, IntensityGrid) and measured.unit is not None:
             given, unit = measured.flux, model.flux_unit or measured.unit
-        elif given is None and isinstance(measured, RayList) and measured.unit is not None:
+        elif (
+            given is None
+            and isinstance(model, SourceModel)
+            and isinstance(measured, RayList)
+            and measured.unit is not None
+        ):
             total = measured.total if measured.total is not None else float(measured.flux.sum())
             given, unit = total * self._kept(model, measured), model.flux_unit or measured.unit
         try:

@@ -20,6 +20,7 @@ A row of ``rays`` holds position, direction (both in the frame of the source) an
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -104,6 +105,11 @@ class LightPool:
     def add_ring(self) -> int:
         """A tilted ring needs no table, but the engine that knows of it."""
         return self._add(np.zeros(1))
+
+    def add_own(self, numbers: Sequence[float]) -> int:
+        """Place of the numbers of a kind that the engine does not know, and how many."""
+        own = np.asarray(numbers, np.float64).ravel()
+        return self._add(np.array([len(own)]), own)
 
     def add_picture(self, linear_rgb: Array) -> int:
         """Place of a picture (rows, columns, 3), linear, row 0 at the bottom."""

@@ -18,6 +18,7 @@ from tracer.compiled import (
     FROM_BOX,
     FROM_DISC,
     FROM_ELLIPSE,
+    FROM_KIND,
     FROM_LIST,
     FROM_PICTURE,
     FROM_POINT,
@@ -26,18 +27,22 @@ from tracer.compiled import (
     L_AREA,
     L_CODE,
     L_DIRECTIONS,
+    L_EMIT,
     LAMBERTIAN_CONE,
 )
 from tracer.rays.colors import COLORS
 from tracer.rays.directions import about, sample_cosine_cone, sample_uniform_cone, sine_of
-from tracer.rays.random import advance, stream_state, uniform
+from tracer.rays.random import advance, five_uniform, stream_state, uniform
 from tracer.sources.emission import emit_ray, place_on_area
 from tracer.sources.openings import place_on_body
+from tracer.sources.source import EMIT
 
 __all__ = ["emit_light", "sample_intensity"]
 
 F32 = NDArray[np.float32]
 Emission = tuple[int, float, float, float, float, float, float, float, float, float, int, np.uint64]
+
+_emit = EMIT.call
 
 _SALT = 0x5EED_11
 _MOST_TRIES = 100_000
@@ -74,6 +79,8 @@ def _emit_measured(
         return _emit_listed(
             s, pool, rays, first, source, turn, code, colors, counters, seed, ray_id, state
         )
+    if area == FROM_KIND:
+        return _emit_by_kind(source_i, s, pool, first, source, code, state)
     # Choose a place
     x, y, z = s[0], s[1], s[2]
     nx, ny, nz = s[3], s[4], s[5]
@@ -135,6 +142,27 @@ def _emit_measured(
         cosine = sample_uniform_cone(u1, s[14])
     dx, dy, dz = about(nx, ny, nz, cosine, sine_of(cosine), u2)
     return source, x, y, z, dx, dy, dz, rx, ry, rz, code, state
+
+
+@inner_kernel
+def _emit_by_kind(
+    source_i: I64, s: F64, pool: F64, first: int, source: int, code: int, state: np.uint64
+) -> Emission:
+    """Ask the kind of the source."""
+    u, state = five_uniform(state)
+    own = pool[first + 1 : first + 1 + int(pool[first])]
+    a, b, c, p, q, r = _emit(source_i[source, L_EMIT], (own, u[0], u[1], u[2], u[3], u[4]))
+    # Turn from the frame of the source
+    x = s[0] + a * s[6] + b * s[9] + c * s[3]
+    y = s[1] + a * s[7] + b * s[10] + c * s[4]
+    z = s[2] + a * s[8] + b * s[11] + c * s[5]
+    dx = p * s[6] + q * s[9] + r * s[3]
+    dy = p * s[7] + q * s[10] + r * s[4]
+    dz = p * s[8] + q * s[11] + r * s[5]
+    scale = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz)
+    return (
+        source, x, y, z, dx * scale, dy * scale, dz * scale, s[18], s[19], s[20], code, state
+    )  # fmt: skip
 
 
 @inner_kernel

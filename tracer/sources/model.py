@@ -8,22 +8,19 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import (
-    BeforeValidator,
     ConfigDict,
-    Discriminator,
     Field,
     SerializerFunctionWrapHandler,
-    Tag,
     field_serializer,
     model_serializer,
     model_validator,
 )
 
 from raymap.model.errors import SceneError
-from tracer.description.fields import ByWavelength, Node, Placed, Positive, Vector, is_direction
+from tracer.description.fields import Node, Positive
 from tracer.description.named_files import named_file
 from tracer.light import IntensityGrid, RayList
-from tracer.sources.spectra import SpectrumModel
+from tracer.sources.source import Source
 
 __all__ = ["IntensityTable", "SourceModel", "cone_cosine"]
 
@@ -85,37 +82,6 @@ class IntensityTable(Node):
         return IntensityGrid.from_theta_phi(self.theta_deg, self.phi_deg, values, name=name)
 
 
-def _as_spectrum(value: Any) -> Any:
-    """A bare word is an illuminant by name."""
-    if isinstance(value, str) and value != "white":
-        return {"illuminant": value}
-    return value
-
-
-def _spectrum_kind(value: Any) -> str:
-    if value == "white" or isinstance(value, str):
-        return "white"
-    keys = set(value) if isinstance(value, dict) else set()
-    table = isinstance(value, ByWavelength) or keys & {"wavelength_nm", "value", "rgb"}
-    return "table" if table else "model"
-
-
-SourceLight = Annotated[
-    Annotated[Literal["white"], Tag("white")]
-    | Annotated[ByWavelength, Tag("table")]
-    | Annotated[SpectrumModel, Tag("model")],
-    Discriminator(_spectrum_kind),
-    BeforeValidator(_as_spectrum),
-]
-
-
-def _as_names(value: Any) -> Any:
-    """A bare word is one name."""
-    return (value,) if isinstance(value, str) else value
-
-
-Names = Annotated[tuple[str, ...], Field(max_length=7), BeforeValidator(_as_names)]
-
 _KEYS: dict[str, tuple[str, ...]] = {
     "collimated": ("diameter", "inner_diameter", "size", "direction", "aim", "distance"),
     "lambertian": ("diameter", "inner_diameter", "size", "cone_deg"),
@@ -131,8 +97,8 @@ _COMMON = {
 }  # fmt: skip
 
 
-class SourceModel(Placed):
-    """A light source.
+class SourceModel(Source):
+    """A light source of a kind that the engine knows.
 
     collimated : parallel beam from a disc (``diameter``) or rectangle (``size``); along
         ``direction``, or through the point ``aim`` with the given direction, starting ``distance``
@@ -146,33 +112,15 @@ class SourceModel(Placed):
         evenly from a disc or rectangle
     rays : a list of rays (``file`` or ``light``), drawn by their flux or emitted ``in_order``;
         ``flux_from`` says what counts where a file's header states another flux than its rays
-
-    ``inside`` names the solids in which the source stands, from the outside in: at most seven
-    (four in scenes of more than 510 solids).
-
-    ``polarisation`` is the direction in which light vibrates as far as it lies across the ray; the
-    polarised tracer and crystals heed it, the tracer of natural light does not.
-
-    ``flux`` is that of the file or table where it has one, else 1, unless given; ``flux_unit`` that
-    of the map unless given.
     """
 
     model_config = ConfigDict(arbitrary_types_allowed=True)
 
     kind: Literal["collimated", "lambertian", "point", "ring", "picture", "intensity", "rays"]
-    on: bool = True
-    flux: Positive | None = None
-    flux_unit: Literal["W", "lm"] | None = None
-    share: Positive | None = None
-    spectrum: SourceLight = "white"
     diameter: Positive | None = None
     inner_diameter: Annotated[float, Field(ge=0)] = 0.0
     size: tuple[Positive, Positive] | None = None
-    direction: Vector | None = None
-    aim: Vector | None = None
-    distance: Positive | None = None
     cone_deg: Annotated[float, Field(gt=0, le=180)] | None = None
-    inside: Names = ()
     tilt_deg: Annotated[float, Field(gt=-90, lt=90)] = 0.0
     file: str | None = None
     intensity: IntensityTable | None = None
@@ -180,7 +128,6 @@ class SourceModel(Placed):
     draw: Literal["flux", "in_order"] = "flux"
     flux_from: Literal["header", "rays"] = "header"
     scale: Positive | None = None
-    polarisation: Vector | None = None
 
     @model_serializer(mode="wrap")
     def _as_ever(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
@@ -199,21 +146,13 @@ class SourceModel(Placed):
         return None if light is None else {"name": light.name, "digest": light.digest()}
 
     def model_post_init(self, context: Any) -> None:
-        super().model_post_init(context)
         keys = _COMMON | set(_KEYS[self.kind])
         for name in type(self).model_fields:
             if name in self.model_fields_set - keys:
                 allowed = ", ".join(_KEYS[self.kind])
                 raise ValueError(f"a {self.kind} source has no {name}; its own keys are {allowed}")
         self._check_shape()
-        if (self.aim is None) != (self.distance is None):
-            raise ValueError("aim and distance go together")
-        if self.aim is not None and "position" in self.model_fields_set:
-            raise ValueError("give position, or aim and distance")
-        if self.direction is not None and not is_direction(self.direction):
-            raise ValueError("direction must not be the zero vector")
-        if self.direction is not None and (self.axis or self.rotation):
-            raise ValueError("direction already turns the source; drop axis and rotation")
+        super().model_post_init(context)
         if self.kind in ("lambertian", "ring", "picture") and (self.cone_deg or 0.0) > 90.0:
             raise ValueError(f"cone_deg of a {self.kind} source is at most 90")
 
@@ -234,14 +173,6 @@ class SourceModel(Placed):
             raise ValueError("give a file of rays (or light, in Python)")
         if self.diameter is not None and self.inner_diameter > self.diameter:
             raise ValueError("inner_diameter is larger than diameter")
-
-    def frame(self) -> tuple[Array, Array]:
-        origin, frame = super().frame()
-        if self.direction is not None:
-            _, frame = Placed(axis=self.direction).frame()
-        if self.aim is not None and self.distance is not None:
-            origin = np.array(self.aim) - self.distance * frame[:, 2]
-        return origin, frame
 
     def measured(self, folder: Any, place: str) -> IntensityGrid | RayList:
         """The table or list of a source of kind ``intensity`` or ``rays``.
@@ -273,3 +204,6 @@ def cone_cosine(source: SourceModel) -> float:
     """Cosine that limits the directions of a source."""
     widest = 180.0 if source.kind == "point" else 90.0
     return math.cos(math.radians(source.cone_deg or widest))
+
+
+KINDS = (SourceModel,)

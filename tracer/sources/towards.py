@@ -10,17 +10,33 @@ import math
 
 from raymap.jit.kernels import inner_kernel
 from raymap.jit.types import F64, I64
-from tracer.compiled import BY_TABLE, COLLIMATED, FROM_LIST, L_AREA, L_DIRECTIONS, LAMBERTIAN_CONE
+from tracer.compiled import (
+    BY_TABLE,
+    COLLIMATED,
+    FROM_KIND,
+    FROM_LIST,
+    L_AREA,
+    L_DIRECTIONS,
+    L_TOWARDS,
+    LAMBERTIAN_CONE,
+)
+from tracer.sources.source import EMITS_TOWARDS
 
 __all__ = ["emitted_towards"]
+
+_towards = EMITS_TOWARDS.call
 
 
 @inner_kernel
 def emitted_towards(
-    source_i: I64, source_f: F64, pool: F64 | None, source: int, nx: float, ny: float, nz: float,
-    ox: float, oy: float, oz: float,
+    source_i: I64, source_f: F64, pool: F64 | None, source: int, x: float, y: float, z: float,
+    nx: float, ny: float, nz: float, ox: float, oy: float, oz: float,
 ) -> float:  # fmt: skip
     """Share of a source's light per solid angle in the direction o, from a place with normal n."""
+    if source_i[source, L_AREA] == FROM_KIND:
+        if pool is None or source_i[source, L_TOWARDS] == 0:
+            return 0.0
+        return _by_kind(source_i, source_f[source], pool, source, x, y, z, ox, oy, oz)
     kind = source_i[source, L_DIRECTIONS]
     if kind == COLLIMATED or source_i[source, L_AREA] == FROM_LIST:
         return 0.0
@@ -37,6 +53,29 @@ def emitted_towards(
     if kind == LAMBERTIAN_CONE:
         return float(max(0.0, cosine) / (math.pi * (1.0 - s[14] * s[14])))
     return float(1.0 / (2.0 * math.pi * (1.0 - s[14])))
+
+
+@inner_kernel
+def _by_kind(
+    source_i: I64, s: F64, pool: F64, source: int, x: float, y: float, z: float, ox: float,
+    oy: float, oz: float,
+) -> float:  # fmt: skip
+    first = int(s[21])
+    own = pool[first + 1 : first + 1 + int(pool[first])]
+    x, y, z = x - s[0], y - s[1], z - s[2]
+    density: float = _towards(
+        source_i[source, L_TOWARDS],
+        (
+            own,
+            x * s[6] + y * s[7] + z * s[8],
+            x * s[9] + y * s[10] + z * s[11],
+            x * s[3] + y * s[4] + z * s[5],
+            ox * s[6] + oy * s[7] + oz * s[8],
+            ox * s[9] + oy * s[10] + oz * s[11],
+            ox * s[3] + oy * s[4] + oz * s[5],
+        ),
+    )
+    return density
 
 
 @inner_kernel

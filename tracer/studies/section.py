@@ -101,11 +101,12 @@ def _cut(vertices: NDArray[np.float64], triangles: NDArray[np.int32]) -> NDArray
 
 def _rays(compilation: Compilation) -> list[NDArray[np.float64]]:
     """Some transmitted rays of the collimated sources that are on, as points (z, y)."""
+    from tracer.sources.model import SourceModel
     from tracer.transport.wavefront import Wavefront
 
     starts, along = [], []
     for model in compilation.scene.sources.values():
-        if not model.on or model.kind != "collimated":
+        if not model.on or not isinstance(model, SourceModel) or model.kind != "collimated":
             continue
         origin, frame = model.frame()
         half = (model.diameter or (model.size or (1.0, 1.0))[1]) / 2.0

@@ -13,13 +13,16 @@ from tracer.compiled import (
     CAMERA,
     D_CELLS_U,
     D_CELLS_V,
+    D_REGISTER,
     D_VIRTUAL,
     FAR_FIELD,
     FLAT_MAP,
     NO_VIEW,
     ROUND_MAP,
+    VIEW_BY_KIND,
     Views,
 )
+from tracer.detectors.detector import REGISTER
 from tracer.transport.buffers import (
     CHAIN,
     COUNT,
@@ -35,6 +38,8 @@ from tracer.transport.buffers import (
 )
 
 __all__ = ["near_planes", "pass_planes", "pass_views", "register_on_face"]
+
+_register = REGISTER.call
 
 CROSSED = int(Event.DETECTOR_CROSSED)
 REGISTERED = int(Event.DETECTOR_REGISTERED)
@@ -115,6 +120,12 @@ def _pass_views(
     kinds, numbers = views.kind, views.numbers
     for d in range(len(kinds)):
         kind = kinds[d]
+        if kind == VIEW_BY_KIND:
+            _ask_kind(
+                detector_i, detector_f, numbers, d, record, x, y, z, dx, dy, dz, t_end, left,
+                words, meetings, meeting_t, counters,
+            )  # fmt: skip
+            continue
         if kind != CAMERA and not (left and kind == FAR_FIELD):
             continue
         s = numbers[d]
@@ -151,6 +162,35 @@ def _pass_views(
             continue
         _describe(
             detector_i, detector_f, d, record, u, v, -d_n, t, words, meetings, meeting_t, counters
+        )
+
+
+@inner_kernel
+def _ask_kind(
+    detector_i: I64, detector_f: F64, numbers: F64, d: int, record: int, x: float, y: float,
+    z: float, dx: float, dy: float, dz: float, t_end: float, left: bool, words: I32, meetings: I32,
+    meeting_t: F64, counters: I64,
+) -> None:  # fmt: skip
+    """Ask a kind of another distribution whether light registers on a segment."""
+    s = numbers[d]
+    x, y, z = x - s[0], y - s[1], z - s[2]
+    t, u, v, cosine = _register(
+        detector_i[d, D_REGISTER],
+        (
+            s[12:],
+            x * s[3] + y * s[4] + z * s[5],
+            x * s[6] + y * s[7] + z * s[8],
+            x * s[9] + y * s[10] + z * s[11],
+            dx * s[3] + dy * s[4] + dz * s[5],
+            dx * s[6] + dy * s[7] + dz * s[8],
+            dx * s[9] + dy * s[10] + dz * s[11],
+            t_end,
+            left,
+        ),
+    )
+    if 0.0 <= t <= t_end and 0.0 <= u <= 1.0 and 0.0 <= v <= 1.0:
+        _describe(
+            detector_i, detector_f, d, record, u, v, cosine, t, words, meetings, meeting_t, counters
         )
 
 

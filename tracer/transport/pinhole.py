@@ -41,6 +41,7 @@ from tracer.compiled import (
 from tracer.geometry.mesh_arrays import MeshArrays, MeshScratch, mesh_scratch
 from tracer.geometry.mesh_hits import nearest_on_meshes
 from tracer.optics.phase import eval_phase
+from tracer.sources.linking import link_sources
 from tracer.sources.towards import emitted_towards
 from tracer.surfaces.linking import link_surfaces
 from tracer.surfaces.towards import scattered_towards
@@ -116,7 +117,9 @@ class Pinholes:
     def __init__(self, compilation: Compilation) -> None:
         self.compilation = compilation
         arrays = compilation.arrays
-        self.scene = arrays._replace(rare=None, surface_i=arrays.surface_i.copy())
+        self.scene = arrays._replace(
+            rare=None, surface_i=arrays.surface_i.copy(), source_i=arrays.source_i.copy()
+        )
         directory = compilation.directory
         self.detectors = [k for k, d in enumerate(directory.detectors) if is_pinhole(d)]
         self.n_channels = compilation.channel_set.n_channels
@@ -254,6 +257,7 @@ class Pinholes:
         if not hasattr(self._local, "buffers"):
             self._local.buffers = Workspace.create(self.scene, _BATCH).buffers
             link_surfaces(self.scene.surface_i, towards=True)
+            link_sources(self.scene.source_i, towards=True)
             meshed = self.compilation.solids is not None
             self._local.scratch = mesh_scratch() if meshed else None
         return self._local.buffers, self._local.scratch
@@ -333,8 +337,9 @@ def _connect(
                     scene.source_f[source, 5],
                 )
             density = emitted_towards(
-                scene.source_i, scene.source_f, scene.light_pool, source, nx, ny, nz, ox, oy, oz
-            )
+                scene.source_i, scene.source_f, scene.light_pool, source, x, y, z, nx, ny, nz, ox,
+                oy, oz,
+            )  # fmt: skip
             if density <= 0.0:
                 continue
             for k in range(n_channels):

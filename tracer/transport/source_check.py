@@ -20,7 +20,7 @@ from tracer.transport.wavefront import Wavefront
 
 if TYPE_CHECKING:
     from tracer.scene.compile import Compilation
-    from tracer.sources.model import SourceModel
+    from tracer.sources.source import Source
 
 __all__ = ["MisplacedLight", "check_sources"]
 
@@ -88,7 +88,7 @@ def check_sources(
         )
 
 
-def _inside(model: SourceModel, solid: str) -> str:
+def _inside(model: Source, solid: str) -> str:
     """What the scene file should say of a source that stands in one more solid."""
     names = [f'"{item}"' for item in (solid, *model.inside)]
     return names[0] if len(names) == 1 else f"[{', '.join(names)}]"

@@ -19,8 +19,10 @@ from raymap.jit.types import I64
 from raymap.model.portion import Descriptors as DescriptorColumns
 from raymap.model.portion import Portion
 from tracer.compiled import R_RAYS, R_SPLITS, CompiledScene, Faces
+from tracer.detectors.linking import detector_tasks, link_detectors
 from tracer.rays.colors import COLORS
 from tracer.sources.emission import emitted_counts
+from tracer.sources.linking import link_sources, source_tasks
 from tracer.surfaces.linking import link_surfaces, surface_tasks
 from tracer.transport.buffers import (
     COUNTING,
@@ -130,7 +132,10 @@ class Wavefront:
     ) -> None:
         self.meshes = meshes
         self.scene = scene._replace(
-            rare=scene.rare if weighted else None, surface_i=scene.surface_i.copy()
+            rare=scene.rare if weighted else None,
+            surface_i=scene.surface_i.copy(),
+            source_i=scene.source_i.copy(),
+            detector_i=scene.detector_i.copy(),
         )
         self.faces = self.scene.faces
         self.exact = exact
@@ -237,6 +242,8 @@ class Wavefront:
             *self._stage_tasks(b),
             self._emission(b),
             *surface_tasks(self.scene.surface_i),
+            *source_tasks(self.scene.source_i),
+            *detector_tasks(self.scene.detector_i),
             task(store_block, 0, 0, b, assembly.columns, filled, few, few, False),
             task(
                 run_steps, Stages(0, 0, 0, 0), self.scene, self.faces, self._solids(), b,
@@ -274,6 +281,8 @@ class Wavefront:
     def _stages(self, b: Buffers, *, emits: bool) -> Stages:
         if not hasattr(self._local, "stages"):
             link_surfaces(self.scene.surface_i)
+            link_sources(self.scene.source_i)
+            link_detectors(self.scene.detector_i)
             addresses = [address_of(item) for item in self._stage_tasks(b)]
             self._local.stages = Stages(*addresses, *[0] * (4 - len(addresses)))
         if emits and not self._local.stages.emit:
