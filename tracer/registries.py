@@ -5,13 +5,25 @@ from __future__ import annotations
 from typing import Any
 
 from raymap.model.registry import Registry
+from tracer.bodies.registry import BODIES
+from tracer.detectors.registry import DETECTORS
 from tracer.importers.cad_format import CAD_FORMATS
 from tracer.importers.lens_format import LENS_FORMATS
 from tracer.light import LIGHT_FORMATS
+from tracer.scene.files import FILE_TABLES
+from tracer.sources.registry import SOURCES
+from tracer.surfaces.registry import SURFACES
+from tracer.surfaces.scatter_laws.law import SCATTER_LAWS
 
 __all__ = ["REGISTRIES"]
 
 REGISTRIES: dict[str, Registry[Any]] = {
+    "bodies": BODIES,
+    "surfaces": SURFACES,
+    "scatter_laws": SCATTER_LAWS,
+    "sources": SOURCES,
+    "detectors": DETECTORS,
+    "scene_files": FILE_TABLES,
     "lens_formats": LENS_FORMATS,
     "cad_formats": CAD_FORMATS,
     "light_formats": LIGHT_FORMATS,

@@ -15,4 +15,6 @@ def _words(kind: type[Body]) -> Sequence[str]:
     return [str(word) for word in get_args(kind.model_fields["kind"].annotation)]
 
 
-BODIES: Registry[type[Body]] = Registry("tracer.bodies", "tracer.bodies", words=_words, of=Body)
+BODIES: Registry[type[Body]] = Registry(
+    "tracer.bodies", "tracer.bodies", words=_words, of=Body, sort="kinds of bodies"
+)

@@ -16,5 +16,5 @@ def _words(kind: type[DetectorKind]) -> Sequence[str]:
 
 
 DETECTORS: Registry[type[DetectorKind]] = Registry(
-    "tracer.detectors", "tracer.detectors", words=_words, of=DetectorKind
+    "tracer.detectors", "tracer.detectors", words=_words, of=DetectorKind, sort="kinds of detectors"
 )

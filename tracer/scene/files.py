@@ -41,7 +41,11 @@ class FileTable:
 
 
 FILE_TABLES: Registry[FileTable] = Registry(
-    "tracer.scene_files", "", words=lambda table: (table.name,), of=FileTable
+    "tracer.scene_files",
+    "",
+    words=lambda table: (table.name,),
+    of=FileTable,
+    sort="tables that name files of other programs",
 )
 
 

@@ -259,8 +259,7 @@ class SourceTable:
     ) -> float | tuple[float, float] | Opening | None:
         """Diameter, size or shape of the emitting area; that of the scene file comes first."""
         if not isinstance(model, SourceModel):
-            across, along, high = model.half_size()
-            return Opening(shape="box", size=(2.0 * across, 2.0 * along, 2.0 * high))
+            return None
         if model.size is not None or model.diameter is not None:
             return model.size or model.diameter
         if not isinstance(light, IntensityGrid) or light.opening is None:
@@ -284,7 +283,9 @@ class SourceTable:
             margin = 1e-6 * (1.0 + float(np.abs([low, high]).max()))
             return origin + low - margin, origin + high + margin, beam
         opening = self._opening(model, light)
-        if isinstance(opening, Opening):
+        if not isinstance(model, SourceModel):
+            reach = np.abs(frame) @ np.array(model.half_size())
+        elif isinstance(opening, Opening):
             reach = np.abs(frame) @ (np.array(opening.size) / 2.0)
         elif isinstance(opening, tuple):
             reach = np.abs(frame[:, :2]) @ (np.array(opening) / 2.0)

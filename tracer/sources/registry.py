@@ -16,5 +16,5 @@ def _words(kind: type[Source]) -> Sequence[str]:
 
 
 SOURCES: Registry[type[Source]] = Registry(
-    "tracer.sources", "tracer.sources", words=_words, of=Source
+    "tracer.sources", "tracer.sources", words=_words, of=Source, sort="kinds of sources"
 )

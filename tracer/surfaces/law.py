@@ -88,18 +88,16 @@ class Law:
 
 
 @inner_kernel
-def _own(optics: Optics, surface: int) -> F64:
-    first = optics.surface_i[surface, S_OWN]
-    return optics.tables[first : first + optics.surface_i[surface, S_OWN_SIZE]]
-
-
-@inner_kernel
-def draw_by_law(optics: Optics, hit: Hit, u1: float, u2: float, u3: float) -> tuple[float, float, float]:  # fmt: skip # noqa: E501
+def draw_by_law(
+    optics: Optics, hit: Hit, u1: float, u2: float, u3: float
+) -> tuple[float, float, float]:
     """A direction from the law."""
+    first = optics.surface_i[hit.surface, S_OWN]
+    own = optics.tables[first : first + optics.surface_i[hit.surface, S_OWN_SIZE]]
     x, y, z = _sample(
         optics.surface_i[hit.surface, S_SAMPLE],
         (
-            _own(optics, hit.surface), hit.wx, hit.wy, hit.wz, optics.medium_f[hit.medium, 0],
+            own, hit.wx, hit.wy, hit.wz, optics.medium_f[hit.medium, 0],
             optics.medium_f[hit.other, 0], u1, u2, u3,
         ),
     )  # fmt: skip
@@ -109,10 +107,12 @@ def draw_by_law(optics: Optics, hit: Hit, u1: float, u2: float, u3: float) -> tu
 @inner_kernel
 def density_by_law(optics: Optics, hit: Hit, x: float, y: float, z: float) -> float:
     """Density with which the law draws a direction."""
+    first = optics.surface_i[hit.surface, S_OWN]
+    own = optics.tables[first : first + optics.surface_i[hit.surface, S_OWN_SIZE]]
     density: float = _pdf(
         optics.surface_i[hit.surface, S_PDF],
         (
-            _own(optics, hit.surface), hit.wx, hit.wy, hit.wz, x, y, z,
+            own, hit.wx, hit.wy, hit.wz, x, y, z,
             optics.medium_f[hit.medium, 0], optics.medium_f[hit.other, 0],
         ),
     )  # fmt: skip
@@ -121,10 +121,12 @@ def density_by_law(optics: Optics, hit: Hit, x: float, y: float, z: float) -> fl
 
 @inner_kernel
 def _bsdf(optics: Optics, hit: Hit, x: float, y: float, z: float, channel: int) -> float:
+    first = optics.surface_i[hit.surface, S_OWN]
+    own = optics.tables[first : first + optics.surface_i[hit.surface, S_OWN_SIZE]]
     value: float = _evaluate(
         optics.surface_i[hit.surface, S_EVALUATE],
         (
-            _own(optics, hit.surface), hit.wx, hit.wy, hit.wz, x, y, z,
+            own, hit.wx, hit.wy, hit.wz, x, y, z,
             optics.medium_f[hit.medium, channel], optics.medium_f[hit.other, channel], channel,
         ),
     )  # fmt: skip

@@ -16,5 +16,5 @@ def _words(kind: type[Surface]) -> Sequence[str]:
 
 
 SURFACES: Registry[type[Surface]] = Registry(
-    "tracer.surfaces", "tracer.surfaces", words=_words, of=Surface
+    "tracer.surfaces", "tracer.surfaces", words=_words, of=Surface, sort="kinds of surfaces"
 )

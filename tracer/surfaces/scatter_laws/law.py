@@ -35,4 +35,5 @@ SCATTER_LAWS: Registry[ScatterLaw] = Registry(
     "tracer.surfaces.scatter_laws",
     words=lambda law: (law.word,),
     of=ScatterLaw,
+    sort="laws of scatter about the specular direction",
 )
