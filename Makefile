@@ -42,5 +42,5 @@ $(VENV)/.installed: $(VENV)/.created pyproject.toml
 	touch $@
 
 $(VENV)/.installed-dev: $(VENV)/.installed pyproject.toml
-	$(PIP) install --quiet -e '.[view,mesh,fit,cad,cluster,remote,dev,peers]'
+	$(PIP) install --quiet -e '.[view,vtk,mesh,fit,cad,cluster,remote,dev,peers]'
 	touch $@

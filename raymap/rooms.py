@@ -8,17 +8,25 @@ from __future__ import annotations
 
 import os
 import sys
+from importlib import import_module
 from importlib.machinery import PathFinder
 from pathlib import Path
+from typing import Any
 
 from raymap.model.errors import RayMapError
+from raymap.model.registry import Registry
 
-__all__ = ["ROOMS", "check_room", "trusted_path"]
+__all__ = ["ROOMS", "check_room", "home", "registries", "trusted_path"]
 
 ROOMS = ("raymap", "tracer", "query", "viewer", "service")
 """The packages of the product."""
 
 _HOME = Path(__file__).resolve().parent.parent
+
+
+def home() -> Path:
+    """The folder in which our packages lie."""
+    return _HOME
 
 
 def check_room(name: str) -> None:
@@ -44,3 +52,18 @@ def check_room(name: str) -> None:
 def trusted_path() -> list[str]:
     """Python's path for a process that we start: ours first, nothing relative to a folder."""
     return [str(_HOME), *(place for place in sys.path if os.path.isabs(place))]
+
+
+def registries() -> dict[str, Registry[Any]]:
+    """The registries of all installed rooms by name; each room lists its own in ``registries``."""
+    found: dict[str, Registry[Any]] = {}
+    for room in ROOMS:
+        check_room(room)
+        try:
+            module = import_module(f"{room}.registries")
+        except ModuleNotFoundError as error:
+            if error.name not in (room, f"{room}.registries"):
+                raise
+            continue
+        found |= module.REGISTRIES
+    return found

@@ -66,6 +66,7 @@ WORDS: dict[str, list[str]] = {
     "export": ["a.raymap", "-o", "rays.parquet"],
     "check-rays": ["a.sdf"],
     "kinds": [],
+    "doctor": [],
     # A server that starts does not end; without a folder it says so before
     "serve": ["no_folder"],
     "export-3d": ["a.raymap", "-o", "a.step"],

@@ -28,6 +28,7 @@ __all__ = ["application", "main", "register"]
 
 def register(app: typer.Typer) -> None:
     """Hang the commands of this package on the application."""
+    from raymap.cli.doctor import doctor
     from raymap.cli.foreign import import_
     from raymap.cli.kinds import kinds
     from raymap.cli.maps import export, info, repair, verify
@@ -40,6 +41,7 @@ def register(app: typer.Typer) -> None:
     app.command("export", rich_help_panel=Panel.FILES)(export)
     app.command("check-rays", rich_help_panel=Panel.FILES)(check_rays)
     app.command("kinds", rich_help_panel=Panel.SETUP)(kinds)
+    app.command("doctor", rich_help_panel=Panel.SETUP)(doctor)
 
 
 def application(asked: str = "") -> typer.Typer:

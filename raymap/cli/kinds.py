@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from importlib import import_module
 from typing import Annotated, Any
 
 import typer
 
 from raymap.cli.options import Json, emit_json
 from raymap.model.errors import RayMapError
-from raymap.model.registry import OURS, Entry, Registry
-from raymap.rooms import ROOMS, check_room
+from raymap.model.registry import OURS, Entry
+from raymap.rooms import registries
 
-__all__ = ["kinds", "markdown_table", "registries"]
+__all__ = ["kinds", "markdown_table"]
 
 
 def kinds(
@@ -35,21 +34,6 @@ def kinds(
         typer.echo(f"{'## ' if markdown else ''}{name}: {known[name].sort}")
         typer.echo(markdown_table(entries) if markdown else _plain_table(entries))
         typer.echo("")
-
-
-def registries() -> dict[str, Registry[Any]]:
-    """The registries of all installed rooms by name; each room lists its own in ``registries``."""
-    found: dict[str, Registry[Any]] = {}
-    for room in ROOMS:
-        check_room(room)
-        try:
-            module = import_module(f"{room}.registries")
-        except ModuleNotFoundError as error:
-            if error.name not in (room, f"{room}.registries"):
-                raise
-            continue
-        found |= module.REGISTRIES
-    return found
 
 
 def _facts(entry: Entry) -> dict[str, Any]:

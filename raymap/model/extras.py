@@ -10,9 +10,9 @@ __all__ = ["EXTRAS", "missing_extra", "require"]
 
 EXTRAS = {
     "view": (
-        "PIL", "matplotlib", "pyvista", "tifffile", "trame", "trame_client", "trame_server",
-        "trame_vtk", "trame_vuetify", "vtk", "vtkmodules",
+        "PIL", "matplotlib", "tifffile", "trame", "trame_client", "trame_server", "trame_vuetify",
     ),
+    "vtk": ("pyvista", "vtk", "vtkmodules"),
     "mesh": ("trimesh",),
     "fit": ("scipy",),
     "lens": ("opticalglass",),

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from raymap.cli.kinds import markdown_table, registries
+from raymap.cli.kinds import markdown_table
+from raymap.rooms import registries
 
 DOCS = Path(__file__).parents[2] / "docs"
 MARK = re.compile(r"<!-- raymap kinds (\w+) --markdown -->\n(.*?)\n<!-- end -->", re.S)

@@ -30,7 +30,7 @@ def _pyvista() -> Any:
         import pyvista
     except ImportError:
         raise MissingExtra(
-            "the PyVista view needs pyvista, which is not installed: pip install 'raymap[view]'"
+            "the PyVista view needs pyvista, which is not installed: pip install 'raymap[vtk]'"
         ) from None
     return pyvista
 
