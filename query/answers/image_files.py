@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from query.answers.ies_file import write_ies
+from query.answers.narrow import narrow
 from query.answers.pictures import DetectorImage
 from query.answers.png import png_bytes, upright
 from raymap.model.errors import RayMapError
@@ -135,7 +136,7 @@ def write_image(
 def _write_tiff(path: Path, image: DetectorImage, kind: str) -> None:
     import tifffile
 
-    values = upright(values_of(image, kind)).astype(np.float32)
+    values = narrow(upright(values_of(image, kind)))
     if values.ndim == 3 and values.shape[2] != 3:
         values = np.moveaxis(values, 2, 0)
     tifffile.imwrite(
@@ -150,7 +151,7 @@ def _write_exr(path: Path, image: DetectorImage, kind: str) -> None:
     """One channel Y, or R, G, B, or one per channel of the trace; beside it its error."""
     from raymap.tables.exr import spectral_channels, write_exr
 
-    values = upright(values_of(image, kind)).astype(np.float32)
+    values = narrow(upright(values_of(image, kind)))
     if values.ndim == 2:
         channels = {"Y": values}
     elif kind == "rgb" or image.channel_set.kind == "rgb":

@@ -21,6 +21,7 @@ from query.engine.tally import sums as weighted_counts
 from query.engine.tally import variances
 from raymap.model.directory import Detector
 from raymap.model.errors import RayMapError
+from raymap.model.limits import PICTURE_FLOOR, PICTURE_PER_BYTE, affordable
 from raymap.model.rows import squares_by_emission
 from raymap.optics.cells import is_pinhole
 from raymap.optics.photometry import Photometry, colors_of_codes
@@ -290,6 +291,12 @@ def _shape(map: RayMap, detector: Detector, n_layers: int) -> tuple[int, int, in
         raise RayMapError(
             f"{n_layers} pictures of {width} x {height} cells and {shape[2]} channels do not fit "
             "in memory; ask for fewer layers at a time"
+        )
+    if height * width * n_layers > (most := affordable(map.bytes, PICTURE_FLOOR, PICTURE_PER_BYTE)):
+        raise RayMapError(
+            f"{n_layers} x {width} x {height} cells are more than a map of {map.bytes} bytes can "
+            f"pay for ({most} cells); join blocks of cells (--bin), or ask for fewer "
+            "layers at a time"
         )
     return shape
 

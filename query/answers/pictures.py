@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from query.answers.binning import block_sums, fitting_blocks
+from query.answers.binning import fitting_blocks
 from query.answers.png import png_bytes, upright
 from raymap.model.directory import ChannelSet, Detector
 from raymap.model.errors import RayMapError
@@ -109,9 +109,15 @@ class DetectorImage:
         blocks = fitting_blocks(self.detector)
         if self.grain is None or self.grain <= grain or not blocks:
             return None
+        flux = self.flux
+        rows, columns = np.nonzero((flux != 0.0) | (self.variance != 0.0))
+        light, squares = flux[rows, columns], self.variance[rows, columns]
         reached = self.grain
         for side in blocks:
-            reached = _grain(block_sums(self.flux, side), block_sums(self.variance, side)) or 0.0
+            width = self.detector.cells[0] // side
+            _, block = np.unique(rows // side * width + columns // side, return_inverse=True)
+            joined = (np.bincount(block, values).astype(np.float64) for values in (light, squares))
+            reached = _grain(*joined) or 0.0
             if reached <= grain:
                 return side, reached
         return blocks[-1], reached

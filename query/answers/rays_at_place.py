@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from query.answers.narrow import narrow
 from query.expression.names import FaceNames, ObjectMatch, match_objects
 from raymap import rayfiles
 from raymap.model.directory import ChannelSet
@@ -289,16 +290,17 @@ def _ray_set(
         # Draw a channel in proportion to its share of the flux
         levels = np.cumsum(palette.by_channel, axis=1)
         drawn = (random.random(len(codes))[:, None] >= levels[codes, :-1]).sum(axis=1)
-        wavelength = palette.wavelength_nm[drawn].astype(np.float32)
+        wavelength = narrow(palette.wavelength_nm[drawn])
     elif color == "xyz":
         if directory.flux_unit != "lm":
             raise RayMapError("tristimulus values go with flux in lumen; this map is in watt")
-        xyz = (palette.xyz[codes] * watt[:, None]).astype(np.float32)
-        xyz[:, 1] = flux
+        values = palette.xyz[codes] * watt[:, None]
+        values[:, 1] = flux
+        xyz = narrow(values)
     return RaySet(
-        position=point.astype(np.float32),
-        direction=direction.astype(np.float32),
-        flux=flux.astype(np.float32),
+        position=narrow(point),
+        direction=narrow(direction),
+        flux=narrow(flux),
         length_unit=directory.length_unit,
         flux_unit=directory.flux_unit,
         wavelength_nm=wavelength,

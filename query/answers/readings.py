@@ -13,6 +13,7 @@ from query.answers.local_fits import Joined, join_windows, largest, least, share
 from query.answers.pictures import DetectorImage
 from query.answers.plane_fits import plane_fits
 from raymap.model.doubt import FOOTNOTE, is_doubtful, with_doubts, with_error
+from raymap.model.errors import RayMapError
 
 __all__ = ["reading_lines", "readings"]
 
@@ -32,8 +33,15 @@ def readings(
     ----------
     density : (cells_v, cells_u) flux per measure, in ``unit``
     beam : of the same picture, if it is known already
+
+    Raises
+    ------
+    RayMapError
+        No cell has a size.
     """
     size = np.ones(density.shape) if image.measure is None else image.measure.values
+    if not size.any():
+        raise RayMapError(f"no cell of detector {image.detector.name!r} has a size")
     flux = density * size
     scale = np.divide(flux, image.flux, out=np.zeros_like(flux), where=image.flux > 0.0)
     variance = image.variance * scale**2
@@ -67,7 +75,8 @@ def readings(
     joins = image.detector.parameters.get("mapping") != "triangles"
     bands = plane_fits(shares_of(flux, variance), variance, size, joins=joins)
     joined = Joined.of([join_windows(fits, rays) for fits in bands])
-    joined = joined.part(np.flatnonzero(size.ravel() > 0.0))
+    if not (sized := size.ravel() > 0.0).all():
+        joined = joined.part(np.flatnonzero(sized))
     peak, darkest = largest(joined), least(joined)
     numbers |= _entry("peak", *peak) | _entry("mean", mean, mean_se)
     for name, (below, below_se) in (

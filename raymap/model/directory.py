@@ -28,8 +28,15 @@ from pydantic import (
     model_validator,
 )
 
-from raymap.model.entry import Entry, Name, Parameters, PlainText, Vector
-from raymap.model.limits import MAX_CELLS_PER_SIDE, MAX_CHANNELS, MAX_INDEX, MAX_WAVELENGTH_NM
+from raymap.model.cellparameters import check_cells, is_length
+from raymap.model.entry import Component, Entry, Name, Parameters, PlainText, Vector
+from raymap.model.limits import (
+    MAX_CELLS_PER_SIDE,
+    MAX_CHANNELS,
+    MAX_FLUX,
+    MAX_INDEX,
+    MAX_WAVELENGTH_NM,
+)
 from raymap.model.sceneobjects import Face, ObjectColumns, Quadric, SceneObject, SceneObjects
 from raymap.model.schema import NONE
 
@@ -49,7 +56,9 @@ __all__ = [
 ]
 
 
-Numbers = Annotated[tuple[float, ...], FailFast()]
+Numbers = Annotated[tuple[Component, ...], FailFast()]
+_FAINTEST = 1e-20
+"""Shares and efficacies that are not 0: what is divided by them is a number."""
 Wavelengths = Annotated[
     tuple[Annotated[float, Field(gt=0.0, le=MAX_WAVELENGTH_NM)], ...], FailFast()
 ]
@@ -59,7 +68,7 @@ class Source(Entry):
     """A light source; ``flux`` in the flux unit of the map."""
 
     name: Name
-    flux: Annotated[float, Field(ge=0)] = 1.0
+    flux: Annotated[float, Field(ge=0, le=MAX_FLUX)] = 1.0
     kind: PlainText = ""
     parameters: Parameters = Field(default_factory=dict)
 
@@ -131,6 +140,13 @@ class Detector(Entry):
     """Index of the object of the same name, for blocking and surface detectors."""
     parameters: Parameters = Field(default_factory=dict)
 
+    @model_validator(mode="after")
+    def _check(self) -> Detector:
+        if not all(map(is_length, self.size)):
+            raise ValueError(f"its size is {self.size}, no two lengths")
+        check_cells(self.cells, self.parameters)
+        return self
+
 
 class BoundingSphere(Entry):
     """Rays that leave the scene end here."""
@@ -175,6 +191,9 @@ class ChannelSet(Entry):
         for name in ("refractive_index", "absorption", "source_colors"):
             if any(len(row) != n for row in getattr(self, name)):
                 raise ValueError(f"{name} has rows of other lengths than the {n} channels")
+        for name, rows in (("luminous", (self.luminous,)), ("source_colors", self.source_colors)):
+            if any(value < 0.0 or 0.0 < value < _FAINTEST for row in rows for value in row):
+                raise ValueError(f"{name} has numbers below 0, or between 0 and {_FAINTEST:g}")
         return self
 
     @property

@@ -6,12 +6,13 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from raymap.model.limits import MAX_NAME
+from raymap.model.limits import MAX_NAME, MAX_NUMBER
 from raymap.model.plaintext import plain_text
 
-__all__ = ["Entry", "Name", "Parameters", "PlainText", "Vector"]
+__all__ = ["Component", "Entry", "Name", "Parameters", "PlainText", "Vector"]
 
-Vector = tuple[float, float, float]
+Component = Annotated[float, Field(ge=-MAX_NUMBER, le=MAX_NUMBER)]
+Vector = tuple[Component, Component, Component]
 Parameters = dict[str, Any]
 PlainText = Annotated[str, AfterValidator(plain_text)]
 """A text that people read; what acts on a terminal or a line is spelt out."""

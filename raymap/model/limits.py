@@ -22,16 +22,20 @@ __all__ = [
     "MAX_DESCRIPTORS",
     "MAX_DESCRIPTORS_PER_SEGMENT",
     "MAX_EXTRA_NAME",
+    "MAX_FLUX",
     "MAX_INDEX",
     "MAX_JSON",
     "MAX_META",
     "MAX_NAME",
+    "MAX_NUMBER",
     "MAX_PRIMITIVES",
     "MAX_RAY",
     "MAX_RECORDS",
     "MAX_STREAMS",
     "MAX_STREAM_NAME",
     "MAX_WAVELENGTH_NM",
+    "PICTURE_FLOOR",
+    "PICTURE_PER_BYTE",
     "RECORDS_FLOOR",
     "RECORDS_PER_BYTE",
     "affordable",
@@ -83,6 +87,12 @@ MAX_STREAM_NAME = 32
 MAX_WAVELENGTH_NM = 10**12
 """Of a channel: a kilometre; `float32`, in which light leaves a map, holds it."""
 
+MAX_FLUX = 10**40
+"""Of a source: squares of all light of as many rays as there may be are numbers."""
+
+MAX_NUMBER = 10**30
+"""Amount of a component of a vector, or of a number of a channel set."""
+
 JSON_FLOOR, JSON_PER_BYTE = 2**22, 64
 """Bytes of a JSON text that any file may hold, and as many times the bytes of the file."""
 
@@ -91,6 +101,9 @@ RECORDS_FLOOR, RECORDS_PER_BYTE = 2**21, 16
 
 CELLS_FLOOR, CELLS_PER_BYTE = 2**24, 16
 """Cells x channels of a detector whose sums are made anew, against the bytes of the file."""
+
+PICTURE_FLOOR, PICTURE_PER_BYTE = 2**22, 4
+"""Cells of all pictures that are asked for at once, against the bytes of the file."""
 
 FREE_STREAM = 2**27
 FREE_CHUNK = 2**30

@@ -16,7 +16,7 @@ camera       étendue: solid angle seen  radiance [W/(m² sr)], luminance [cd/m�
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,9 @@ Quantity = Literal["area", "solid_angle", "etendue"]
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
 
+_BAND = 2**16
+"""Pixels whose Gauss points are looked at together: what is kept of each takes a kilobyte."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CellMeasure:
@@ -40,7 +43,7 @@ class CellMeasure:
     ----------
     quantity : what ``values`` are
     values : (cells_v, cells_u) area [m²], solid angle [sr] or étendue [m² sr]; 0 where a cell lies
-        beside the face
+        beside the face; read-only, and one number in memory where cells are alike
     """
 
     quantity: Quantity
@@ -64,11 +67,9 @@ def cells_by_angle(detector: Detector) -> tuple[tuple[float, float], tuple[float
     C and gamma are those of charts and tables: C from 0 on, gamma from its first row.
     """
     angles = detector.parameters.get("gamma_deg")
-    if detector.kind != "far_field" or angles is None or not _numbers(angles, 2):
+    if detector.kind != "far_field" or angles is None:
         return None
     low, high = float(angles[0]), float(angles[1])
-    if not high > low:
-        return None
     per_gamma = detector.cells[1] / (high - low)
     return (detector.cells[0] / 360.0, 0.0), (per_gamma, -low * per_gamma)
 
@@ -84,13 +85,11 @@ def cell_measure(detector: Detector, length_unit: str) -> CellMeasure | None:
     metre = METRES.get(length_unit)
     if detector.kind == "far_field":
         angles = detector.parameters.get("gamma_deg")
-        if angles is None or not _numbers(angles, 2):
+        if angles is None:
             return None
         edges = np.radians(np.linspace(angles[0], angles[1], shape[0] + 1))
         bands = 2.0 * np.pi / shape[1] * (np.cos(edges[:-1]) - np.cos(edges[1:]))
-        return CellMeasure(
-            quantity="solid_angle", values=np.repeat(bands[:, None], shape[1], axis=1)
-        )
+        return CellMeasure(quantity="solid_angle", values=np.broadcast_to(bands[:, None], shape))
     if metre is None:
         return None
     if detector.kind == "plane":
@@ -98,14 +97,15 @@ def cell_measure(detector: Detector, length_unit: str) -> CellMeasure | None:
         if unit is None:
             return None
         area = detector.size[0] / shape[1] * detector.size[1] / shape[0] * unit**2
-        return CellMeasure(quantity="area", values=np.full(shape, area))
+        return CellMeasure(quantity="area", values=np.broadcast_to(area, shape))
     if detector.kind == "camera":
         return _camera(detector, shape, metre)
     areas = np.asarray(detector.parameters.get("cell_area", ()), np.float64)
     if areas.size not in (1, shape[0] * shape[1]):
         return None
-    values = np.full(shape, areas.item()) if areas.size == 1 else areas.reshape(shape)
-    return CellMeasure(quantity="area", values=values * metre**2)
+    areas = areas * metre**2
+    values = np.broadcast_to(areas, shape) if areas.size == 1 else areas.reshape(shape)
+    return CellMeasure(quantity="area", values=values)
 
 
 def _camera(detector: Detector, shape: tuple[int, int], metre: float) -> CellMeasure | None:
@@ -116,45 +116,58 @@ def _camera(detector: Detector, shape: tuple[int, int], metre: float) -> CellMea
     Howell, A catalog of radiation heat transfer configuration factors, B-13).
     """
     tangents = detector.parameters.get("half_field")
-    if tangents is None or not _numbers(tangents, 2):
+    if tangents is None:
         return None
-    x, y, element = _places(float(tangents[0]), float(tangents[1]), shape)
-    r2 = x * x + y * y
+    values = np.empty(shape)
+    high = max(1, _BAND // shape[1])
+    for first in range(0, shape[0], high):
+        rows = range(first, min(first + high, shape[0]))
+        x, y, element = _places(float(tangents[0]), float(tangents[1]), shape, rows)
+        taken = _taken(detector, x * x + y * y, element)
+        values[rows.start : rows.stop] = _summed(taken) * metre**2
+    return CellMeasure(quantity="etendue", values=values)
+
+
+def _taken(detector: Detector, r2: Floats, element: Floats) -> Floats:
+    """Étendue at places of a picture, whose tangents squared are ``r2`` [length unit² sr]."""
     if is_pinhole(detector):
-        solid = element / (1.0 + r2) ** 1.5
-        return CellMeasure(quantity="etendue", values=_summed(solid, shape) * metre**2)
+        solid: Floats = element / (1.0 + r2) ** 1.5
+        return solid
     radius = detector.parameters.get("aperture_diameter", 0.0) / 2.0
     distance = detector.parameters.get("focus_distance")
+    taken: Floats
     if distance is None:
         taken = np.pi * radius**2 * element / (1.0 + r2) ** 2
     else:
         # In units of the distance of focus
         lens = (radius / distance) ** 2
-        q = np.sqrt((r2 + 1.0 + lens) ** 2 - 4.0 * lens * r2)
-        factor = 2.0 * lens / (q * (q + r2 + 1.0 - lens))
+        z = r2 + 1.0 - lens
+        q = np.hypot(z, 2.0 * np.sqrt(lens))
+        # Of two forms of the factor the one that loses no digits, of lenses wider than they are far
+        far = np.abs(z)
+        factor = np.where(z < 0.0, 0.5 * (q + far) / q, 2.0 * lens / (q * (q + far)))
         taken = np.pi * factor * element * distance**2
-    return CellMeasure(quantity="etendue", values=_summed(taken, shape) * metre**2)
+    return taken
 
 
-def _places(half_u: float, half_v: float, shape: tuple[int, int]) -> tuple[Floats, Floats, Floats]:
-    """Gauss points of all pixels, (rows 3, columns 3), and the size of their elements."""
+def _places(
+    half_u: float, half_v: float, shape: tuple[int, int], rows: range
+) -> tuple[Floats, Floats, Floats]:
+    """Gauss points of the pixels of some rows, (rows 3, columns 3), and the size of their elements.
+
+    ``shape`` is that of all pixels.
+    """
     sides = []
-    for half, n in ((half_u, shape[1]), (half_v, shape[0])):
-        middle = (np.arange(n) + 0.5) / n * 2.0 - 1.0
+    for half, n, part in ((half_u, shape[1], range(shape[1])), (half_v, shape[0], rows)):
+        middle = (np.arange(part.start, part.stop) + 0.5) / n * 2.0 - 1.0
         sides.append(half * (middle[:, None] + _NODES / n).ravel())
     x, y = np.meshgrid(sides[0], sides[1])
-    weights = np.outer(np.tile(_WEIGHTS, shape[0]), np.tile(_WEIGHTS, shape[1]))
+    weights = np.outer(np.tile(_WEIGHTS, len(rows)), np.tile(_WEIGHTS, shape[1]))
     return x, y, weights * (half_u / shape[1]) * (half_v / shape[0])
 
 
-def _summed(values: Floats, shape: tuple[int, int]) -> Floats:
-    blocks: Floats = values.reshape(shape[0], 3, shape[1], 3).sum(axis=(1, 3))
+def _summed(values: Floats) -> Floats:
+    """Sums over the nine Gauss points of each pixel."""
+    high, wide = values.shape[0] // 3, values.shape[1] // 3
+    blocks: Floats = values.reshape(high, 3, wide, 3).sum(axis=(1, 3))
     return blocks
-
-
-def _numbers(value: Any, count: int) -> bool:
-    return (
-        isinstance(value, list | tuple)
-        and len(value) == count
-        and all(isinstance(item, int | float) for item in value)
-    )

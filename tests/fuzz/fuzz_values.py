@@ -223,7 +223,41 @@ def seeds(folder: Path) -> list[Seed]:
     path = folder / "compact.raymap"
     _write_compact(path)
     found.append(Seed("compact", path))
+    path = folder / "described.raymap"
+    write_small(path, n_portions=1, n_rays=9, seed=9, directory=_described())
+    found.append(Seed("described", path))
     return found
+
+
+def _described() -> raymap.Directory:
+    """Detectors of all kinds, surfaces and sources with parameters that are read."""
+    plane = {"acceptance_deg": 30.0, "size_unit": "cm"}
+    sky = {"gamma_deg": [0.0, 180.0], "angles": "type_c", "size_unit": "deg"}
+    camera = {"half_field": [0.5, 0.4], "lens": "thin", "size_unit": "tangent"}
+    face = {"cell_area": [0.5] * 48, "mapping": "around"}
+    turned = {"reflected": {"kind": "tabulated", "albedo": 0.3}, "share": [0.1, 0.2, 0.3]}
+    return small_directory(
+        detectors=(
+            raymap.Detector(name="sensor", cells=(8, 6), size=(40.0, 40.0), parameters=plane),
+            raymap.Detector(name="sky", kind="far_field", cells=(8, 6), parameters=sky),
+            raymap.Detector(
+                name="eye", kind="camera", cells=(8, 6),
+                parameters={**camera, "aperture_diameter": 2.0, "focus_distance": 100.0},
+            ),
+            raymap.Detector(
+                name="hole", kind="camera", cells=(8, 6), parameters={**camera, "lens": "pinhole"}
+            ),
+            raymap.Detector(name="wall", kind="surface", cells=(8, 6), parameters=face),
+        ),
+        sources=(
+            raymap.Source(name="lamp", flux=2.0, parameters={"diameter": 3.0, "size": [1.0, 2.0]}),
+            raymap.Source(name="sun", parameters={"radius": 1.0}),
+        ),
+        surfaces=(
+            raymap.Surface(name="paint", kind="lambertian", parameters={"reflectance": 0.2}),
+            raymap.Surface(name="film", kind="dielectric", parameters=turned),
+        ),
+    )  # fmt: skip
 
 
 def _write_compact(path: Path) -> None:

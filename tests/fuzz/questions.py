@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import random
 from collections.abc import Callable
 from pathlib import Path
 
 import raymap
 from query import (
+    DetectorImage,
     audit,
     compare,
+    detector_image,
     detector_images,
     explain,
     ghost_matrix,
@@ -22,6 +25,8 @@ from query import (
     select,
     sweep,
 )
+from query.answers.image_files import write_image
+from query.answers.readings import readings
 from raymap.file.repair import repair
 
 __all__ = ["ask"]
@@ -32,6 +37,10 @@ _CRITERIA = tuple(
     parse(text)
     for text in (
         'hit("*", reflected)',
+        'detected("sensor", rect(0 mm, 0 mm, 1 mm, 2 mm))',
+        'detected("sky", rect(0 deg, 0 deg, 90 deg, 20 deg))',
+        'detected("eye", rect(-5 deg, -5 deg, 5 deg, 5 deg))',
+        'hit("*", reflectance > 0.1)',
         "length > 10",
         'incidence(hit("*")) < 30 deg',
         "wavelength > 500 nm",
@@ -84,6 +93,25 @@ def _repaired(ray_map: raymap.RayMap, folder: Path) -> None:
     repair(ray_map, folder / "repaired.raymap", force=True)
 
 
+def _pictures(ray_map: raymap.RayMap, folder: Path) -> None:
+    for detector in ray_map.directory.detectors:
+        with contextlib.suppress(raymap.RayMapError):
+            _picture(detector_image(ray_map, detector.name, threads=1), folder)
+
+
+def _picture(image: DetectorImage, folder: Path) -> None:
+    image.srgb()
+    image.calmer()
+    for suffix in (".csv", ".exr", ".png"):
+        write_image(image, folder / f"picture{suffix}")
+    if image.measure is not None:
+        readings(image, image.density(), image.density_unit or "")
+
+
+def _luminaire(ray_map: raymap.RayMap, folder: Path) -> None:
+    write_image(detector_image(ray_map, "sky", threads=1), folder / "sky.ies")
+
+
 def _table(ray_map: raymap.RayMap, _: Path) -> None:
     table = path_table(ray_map, None, threads=1)
     table.rows(3)
@@ -97,6 +125,8 @@ _DEAR: tuple[Question, ...] = (
     _copy,
     _repaired,
     _table,
+    _pictures,
+    _luminaire,
     lambda ray_map, _: ray_map.meshes,
     lambda ray_map, _: path_table(ray_map, 'hit("lens")', by="object", threads=1).rows(),
     lambda ray_map, _: detector_images(ray_map, "sensor", {"all": None, "few": "length > 1"}),
@@ -109,7 +139,7 @@ _DEAR: tuple[Question, ...] = (
     lambda ray_map, _: sweep(ray_map, "sensor", threads=1),
     lambda ray_map, _: compare(ray_map, ray_map, threads=1),
     lambda ray_map, folder: raymap.export(ray_map, folder / "out.csv", force=True),
-    lambda ray_map, folder: raymap.export(ray_map, folder / "out.csv", rows="rays", force=True),
+    lambda ray_map, folder: raymap.export(ray_map, folder / "out.parquet", rows="rays", force=True),
 )
 
 
