@@ -128,6 +128,10 @@ class RaySet:
         return dataclasses.replace(self, position=scaled, length_unit=length_unit)
 
 
+_WAVELENGTHS_NM = (10.0, 1e5)
+"""What counts as light: numbers in a wrong unit lie outside."""
+
+
 def checked(rays: RaySet, name: str) -> RaySet:
     """The rays with directions of length 1 to rounding, refused where they cannot be light.
 
@@ -165,6 +169,12 @@ def checked(rays: RaySet, name: str) -> RaySet:
         _refuse(rays.luminous_flux < 0, name, "a negative luminous flux")
     if rays.wavelength_nm is not None:
         _refuse(rays.wavelength_nm <= 0, name, "a wavelength that is not positive")
+        length_nm = rays.wavelength_nm
+        strange = (length_nm < _WAVELENGTHS_NM[0]) | (length_nm > _WAVELENGTHS_NM[1])
+        if strange.any():
+            nm = float(length_nm[int(np.argmax(strange))])
+            why = f"a wavelength of {nm:g} nm, which is no light: its unit is another one"
+            _refuse(strange, name, why)
     if len(off) and float(off.max()) > _ROUNDING:
         unit = (rays.direction / length[:, None]).astype(np.float32)
         return dataclasses.replace(rays, direction=unit)

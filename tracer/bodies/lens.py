@@ -154,6 +154,15 @@ class LensBody(Body):
         return min(h - bulge for h, bulge in bulges), max(h + bulge for h, bulge in bulges)
 
     def problems(self) -> list[str]:
+        given = {
+            "front": self.front.surface is not None,
+            "back": self.back.surface is not None,
+            "rim": "rim" in self.model_fields_set,
+        }
+        for name in self.faces:
+            if given.get(name):
+                key = "rim" if name == "rim" else f"{name}.surface"
+                return [f"faces.{name}: {key} says what the surface is, too; drop one of them"]
         if self.back.cemented is not None:
             return [
                 "back.cemented: lenses are cemented at the front of the one behind; give the back "

@@ -32,6 +32,11 @@ class MeshBody(Body):
     smooth_deg: Annotated[float, Field(gt=0, lt=180)] | None = None
     flip: bool = False
 
+    def problems(self) -> list[str]:
+        if self.kind == "mesh" and "angle_deg" in self.model_fields_set and self.name_by != "angle":
+            return ['angle_deg: goes with name_by = "angle", without which it has no effect']
+        return super().problems()
+
     def reading_key(self) -> tuple[object, ...]:
         """What bodies that are placed from one reading of a file have in common."""
         return (

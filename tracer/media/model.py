@@ -27,6 +27,21 @@ class Phase(Node):
     angle_deg: tuple[Finite, ...] = ()
     value: tuple[Finite, ...] = ()
 
+    def model_post_init(self, context: Any) -> None:
+        keys = _PHASE_KEYS[self.kind]
+        for name in sorted(self.model_fields_set - {"kind", *keys}):
+            takes = ", ".join(keys) or "no other keys"
+            raise ValueError(f"the {self.kind} phase function has no {name}; it takes {takes}")
+
+
+_PHASE_KEYS: dict[str, tuple[str, ...]] = {
+    "isotropic": (),
+    "henyey_greenstein": ("g",),
+    "generalized": ("g", "gamma"),
+    "rayleigh": (),
+    "tabulated": ("angle_deg", "value"),
+}
+
 
 class Scattering(Node):
     """Volume scattering: mean free path of scattering [scene unit] or its coefficient."""

@@ -25,6 +25,7 @@ from tracer.render.renderer import RenderScene
 from tracer.render.room import WALLS, Room, checker_board, uniform
 from tracer.render.spectra import visible_wavelengths
 from tracer.scene.load import parse_scene
+from tracer.scene.model import Scene
 from tracer.scene.supported import refuse_weighting
 from tracer.sources.pictures import open_image
 
@@ -152,6 +153,7 @@ def load_render_text(text: str, *, folder: Path = Path(), source: str = "scene")
     model = checked(PictureModel, tables, source)
     bodies = bodies_of(scene)
     given = scene.spectrum.kind == "spectral"
+    _refuse_idle(scene, model, source)
     count = model.render.wavelengths
     wavelengths = scene.spectrum.channels() if given else visible_wavelengths(count)
     try:
@@ -170,6 +172,31 @@ def load_render_text(text: str, *, folder: Path = Path(), source: str = "scene")
         )
     except SceneError as error:
         raise SceneError(_placed(error, source)) from None
+
+
+def _refuse_idle(scene: Scene, model: PictureModel, source: str) -> None:
+    """Refuse keys that a picture would not heed."""
+    trace = sorted(scene.trace.model_fields_set - {"mode"})
+    for idle, key, why in (
+        (trace, f"trace.{''.join(trace[:1])}", "crystals are rendered in polarised light; drop it"),
+        (
+            "depth" in scene.limits.model_fields_set,
+            "limits.depth",
+            "pictures have a depth of their own: render.depth",
+        ),
+        (
+            scene.spectrum.kind == "spectral" and "wavelengths" in model.render.model_fields_set,
+            "render.wavelengths",
+            "the spectrum names its wavelengths; drop either",
+        ),
+        (
+            model.camera.focus_distance is not None and not model.camera.aperture_radius,
+            "camera.focus_distance",
+            "a pinhole is sharp everywhere; give an aperture_radius, or drop it",
+        ),
+    ):
+        if idle:
+            raise SceneError(f"{source}: {key}: has no effect: {why}")
 
 
 def _placed(error: SceneError, source: str) -> str:

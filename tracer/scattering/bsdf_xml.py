@@ -68,6 +68,13 @@ def read_bsdf_xml(path: Path, thickness_mm: float, *, error: float) -> list[Scat
     }
     if not bases:
         raise MeasurementError(f"{path.name}: no AngleBasis (tensor trees are not read)")
+    layers = sum(1 for _ in root.iter("Layer"))
+    if layers > 1:
+        raise MeasurementError(
+            f"{path.name}: describes {layers} layers; their tables cannot be told apart here: keep "
+            "the one of the plate"
+        )
+    _compare_thickness(root, thickness_mm, path)
     by_columns = _incident_by_columns(root, path)
     tables: list[ScatterTable | None] = []
     for data, wavelength in _spectral_data(root, path):
@@ -90,6 +97,27 @@ def read_bsdf_xml(path: Path, thickness_mm: float, *, error: float) -> list[Scat
     return scattering
 
 
+_MILLIMETRES = {"millimeter": 1.0, "mm": 1.0, "meter": 1e3, "m": 1e3, "inch": 25.4, "inches": 25.4}
+
+
+def _compare_thickness(root: ElementTree.Element, thickness_mm: float, path: Path) -> None:
+    """Warn where the file is that of another plate than the one it is given for."""
+    said = next(root.iter("Thickness"), None)
+    if said is None or not (said.text or "").strip():
+        return
+    unit = said.get("unit", "millimeter").strip().lower().replace("metre", "meter")
+    scale = _MILLIMETRES.get(unit.removesuffix("s") if unit.endswith("meters") else unit)
+    if scale is None:
+        raise MeasurementError(f"{path.name}: Thickness in {unit!r}; millimeter, meter or inch")
+    stated = scale * _number((said.text or "").strip(), path)
+    if stated > 0.0 and abs(stated - thickness_mm) > 0.01 * thickness_mm:
+        warnings.warn(
+            f"{path.name}: is of a plate of {stated:g} mm, and is taken for one of "
+            f"{thickness_mm:g} mm",
+            stacklevel=4,
+        )
+
+
 def _incident_by_columns(root: ElementTree.Element, path: Path) -> bool:
     """Whether a column of the matrices belongs to one direction of incidence."""
     said = next(root.iter("IncidentDataStructure"), None)
@@ -105,7 +133,7 @@ def _spectral_data(
     root: ElementTree.Element, path: Path
 ) -> list[tuple[ElementTree.Element, float]]:
     """Blocks of data with their wavelength [nm], nan for the average over the visible."""
-    found = [(data, *_wavelength(data)) for data in root.iter("WavelengthData")]
+    found = [(data, *_wavelength(data, path)) for data in root.iter("WavelengthData")]
     others = sorted({word for _, _, word in found if word})
     chosen = [(data, nm) for data, nm, word in found if not word]
     if others and not chosen:
@@ -151,6 +179,12 @@ class _Block:
             raise MeasurementError(f"{path.name}: a data block names an unknown angle basis")
         if not by_columns:
             coming, leaving = leaving, coming
+        kind = next(block.iter("ScatteringDataType"), None)
+        word = ((kind.text if kind is not None else "") or side).strip().lower()
+        if word not in ("btdf", "brdf"):
+            raise MeasurementError(
+                f"{path.name}: ScatteringDataType {word!r}; only BTDF and BRDF [1/sr] are read"
+            )
         cells = _text(block, "ScatteringData", path).replace(",", " ").split()
         if len(cells) != len(leaving) * len(coming):
             raise MeasurementError(
@@ -188,7 +222,7 @@ class _Block:
         )
 
 
-def _wavelength(data: ElementTree.Element) -> tuple[float, str]:
+def _wavelength(data: ElementTree.Element, path: Path) -> tuple[float, str]:
     """Wavelength [nm], nan for the visible; and what a range that is none of both is called."""
     element = data.find("Wavelength")
     if element is None:
@@ -200,8 +234,11 @@ def _wavelength(data: ElementTree.Element) -> tuple[float, str]:
         visible = text.lower() in ("", "visible", "photopic", "vis")
         return math.nan, "" if visible else text
     unit = element.get("unit", "nm").strip().lower()
-    scale = 1000.0 if unit in ("um", "µm", "micron", "microns", "micrometers") else 1.0
-    return length * scale, ""
+    if unit in ("um", "µm", "micron", "microns", "micrometers"):
+        return length * 1000.0, ""
+    if unit in ("nm", "nanometer", "nanometers", "integral"):
+        return length, ""
+    raise MeasurementError(f"{path.name}: Wavelength in {unit!r}; nanometers or microns are read")
 
 
 def _text(element: ElementTree.Element, name: str, path: Path) -> str:

@@ -126,7 +126,11 @@ def load_measurement(path: Path | str) -> tuple[MaterialMeasurement, FitSettings
                     f"{where.name}: plate {number} has scattering data and needs its thickness"
                 )
             scatter += _read_scatter(
-                where.parent / item.file, thickness, data.errors.scatter, item.side
+                where.parent / item.file,
+                thickness,
+                data.errors.scatter,
+                item.side,
+                data.units.wavelength,
             )
     material = MaterialMeasurement(
         name=data.name,
@@ -139,20 +143,25 @@ def load_measurement(path: Path | str) -> tuple[MaterialMeasurement, FitSettings
 
 
 def _read_scatter(
-    path: Path, thickness_mm: float, error: float, side: str | None
+    path: Path, thickness_mm: float, error: float, side: str | None, wavelength_unit: str
 ) -> list[ScatterTable]:
     suffix = path.suffix.lower()
     if suffix == ".xml":
         tables = read_bsdf_xml(path, thickness_mm, error=error)
     elif suffix == ".csv":
-        tables = read_scatter_csv(path, thickness_mm, error=error)
+        tables = read_scatter_csv(path, thickness_mm, error=error, wavelength_unit=wavelength_unit)
     elif side is None:
         raise MeasurementError(
             f'{path.name}: say side = "brdf" or "btdf"; the file itself does not'
         )
     else:
         return read_scatter_astm(path, thickness_mm, error=error, side=side)
-    return [table for table in tables if side in (None, table.side)]
+    found = [table for table in tables if side in (None, table.side)]
+    if tables and not found:
+        raise MeasurementError(
+            f"{path.name}: holds no {side}, but {tables[0].side}; drop side, or name another file"
+        )
+    return found
 
 
 def _joined(tables: list[FluxTable]) -> FluxTable:

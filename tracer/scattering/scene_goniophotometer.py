@@ -60,6 +60,11 @@ def measure_scene(
         raise SceneError(f"goniophotometer: at least {2 * _BATCHES} rays are needed, got {rays}")
     compilation = compilation_of(scene)
     refuse_weighting(compilation.scene, "the goniophotometer")
+    if compilation.scene.light != "natural":
+        raise SceneError(
+            f"{compilation.scene.origin}: trace: the goniophotometer follows natural light; what "
+            f"asks for {compilation.scene.light} would have no effect: leave it out"
+        )
     if len(compilation.directory.sources) != 1:
         raise SceneError("the goniophotometer needs a scene with exactly one source, a beam")
     cells = grid or AngularGrid()

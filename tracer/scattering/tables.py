@@ -8,7 +8,9 @@ Resolved Optical Scatter Measurements).
 from __future__ import annotations
 
 import csv
+import difflib
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +23,13 @@ __all__ = ["read_flux_csv", "read_scatter_astm", "read_scatter_csv"]
 
 Array = NDArray[np.float64]
 _MICROMETRE = {"nm": 1.0, "um": 1000.0}
+_FLUX_COLUMNS = (
+    "wavelength_nm", "incidence_deg", "R", "T", "thickness_mm", "R_error", "T_error",
+)  # fmt: skip
+_SCATTER_COLUMNS = (
+    "wavelength_nm", "incidence_deg", "theta_deg", "phi_deg", "brdf", "btdf", "error",
+)  # fmt: skip
+_COLORS = {"red", "green", "blue"}
 _SHARE = {"1": 1.0, "percent": 0.01}
 
 
@@ -43,7 +52,7 @@ def read_flux_csv(
     wavelength_unit : "nm" or "um"
     flux_unit : "1" or "percent"
     """
-    columns, lines = _csv_columns(path)
+    columns, lines = _csv_columns(path, _FLUX_COLUMNS)
     if "R" not in columns and "T" not in columns:
         raise MeasurementError(f"{path.name}: needs a column R or T, has {', '.join(columns)}")
     for needed in ("wavelength_nm", "incidence_deg"):
@@ -77,13 +86,18 @@ def read_flux_csv(
     )
 
 
-def read_scatter_csv(path: Path, thickness_mm: float, *, error: float) -> list[ScatterTable]:
+def read_scatter_csv(
+    path: Path, thickness_mm: float, *, error: float, wavelength_unit: str = "nm"
+) -> list[ScatterTable]:
     """BRDF and BTDF from a CSV table.
 
     Columns: wavelength_nm (may be empty: averaged over the visible), incidence_deg, theta_deg,
-    phi_deg, and brdf or btdf or both [1/sr], in any order.
+    phi_deg, and brdf or btdf or both [1/sr], in any order; error (relative) where it differs by
+    row.
     """
-    columns, lines = _csv_columns(path)
+    columns, lines = _csv_columns(path, _SCATTER_COLUMNS)
+    if "wavelength_nm" in columns:
+        columns["wavelength_nm"] = columns["wavelength_nm"] * _MICROMETRE[wavelength_unit]
     return _scatter_tables(path, columns, lines, thickness_mm, error)
 
 
@@ -118,11 +132,17 @@ def read_scatter_astm(
     for needed in ("theta_i", "theta_s"):
         if needed not in table:
             raise MeasurementError(f"{path.name}: column {needed} is missing in VARS")
-    values = [v for k, v in table.items() if not k.startswith(("theta", "phi"))]
-    if not values:
+    said = [name for name in names if not name.startswith(("theta", "phi"))]
+    if not said:
         raise MeasurementError(f"{path.name}: VARS names no column of values")
+    if len(said) > 1 and not _COLORS.issuperset(said):
+        raise MeasurementError(
+            f"{path.name}: VARS names several columns beside the angles ({', '.join(said)}); "
+            "keep the one of values, or Red, Green and Blue, whose mean is taken"
+        )
+    values = [table[name] for name in said]
     zero = np.zeros(len(rows))
-    wavelength = _wavelength(header)
+    wavelength = _wavelength(header, path)
     turned = table.get("phi_s", zero) - table.get("phi_i", zero) - 180.0
     columns = {
         "wavelength_nm": np.full(len(rows), wavelength),
@@ -134,15 +154,25 @@ def read_scatter_astm(
     return _scatter_tables(path, columns, lines, thickness_mm, error)
 
 
-def _wavelength(header: dict[str, str]) -> float:
-    """Wavelength [nm] of an ASTM header; micrometres are recognised by their size."""
+_LENGTH = re.compile(r"([-+.\deE]+?)\s*(nm|nanomet\w*|um|µm|micro\w*)?", re.IGNORECASE)
+
+
+def _wavelength(header: dict[str, str], path: Path) -> float:
+    """Wavelength [nm] of an ASTM header; micrometres are recognised by word or by size."""
     for key in ("WAVELENGTH", "INC_WAVELENGTH", "LAMBDA"):
         if key in header:
+            found = _LENGTH.fullmatch(header[key].strip())
             try:
-                value = float(header[key].split()[0])
-            except (ValueError, IndexError):
-                return math.nan
-            return value * 1000.0 if value < 30.0 else value
+                value = float(found[1]) if found else math.nan
+            except ValueError:
+                value = math.nan
+            if not value > 0.0:
+                raise MeasurementError(
+                    f"{path.name}: {key} {header[key]!r} is no wavelength; say a number of nm"
+                )
+            unit = (found[2] or "").lower() if found else ""
+            micrometres = unit.startswith(("u", "µ", "mi")) if unit else value < 30.0
+            return value * 1000.0 if micrometres else value
     return math.nan
 
 
@@ -186,8 +216,14 @@ def _scatter_tables(
     return tables
 
 
-def _csv_columns(path: Path) -> tuple[dict[str, Array], list[int]]:
-    """Columns of numbers by name, and the line of each row; an empty cell is nan."""
+def _csv_columns(path: Path, known: tuple[str, ...]) -> tuple[dict[str, Array], list[int]]:
+    """Columns of numbers by name, and the line of each row; an empty cell is nan.
+
+    Raises
+    ------
+    MeasurementError
+        for a column that nobody would read, above all a misspelt one
+    """
     reader = csv.reader(line for line in _lines(path))
     names: list[str] = []
     rows: list[list[float]] = []
@@ -197,12 +233,26 @@ def _csv_columns(path: Path) -> tuple[dict[str, Array], list[int]]:
             continue
         if not names:
             names = [name.strip() for name in fields]
+            _check_columns(names, known, path)
             continue
         rows.append(_numbers(path, reader.line_num, fields, len(names)))
         lines.append(reader.line_num)
     if not rows:
         raise MeasurementError(f"{path.name}: the table has no rows")
     return dict(zip(names, np.array(rows, np.float64).T, strict=True)), lines
+
+
+def _check_columns(names: list[str], known: tuple[str, ...], path: Path) -> None:
+    for place, name in enumerate(names):
+        if name in names[:place]:
+            raise MeasurementError(f"{path.name}: two columns are called {name!r}; drop one")
+        if name not in known:
+            near = difflib.get_close_matches(name, known, n=1)
+            hint = f"; did you mean {near[0]!r}?" if near else ""
+            raise MeasurementError(
+                f"{path.name}: the column {name!r} is not read{hint}; there may be "
+                f"{', '.join(known)}: rename or drop it"
+            )
 
 
 def _numbers(path: Path, line: int, fields: list[str], expected: int) -> list[float]:

@@ -68,9 +68,16 @@ def resolve_bodies(scene: Scene) -> dict[str, Body]:
                 )
             shape = partner.back.model_copy(update={"cemented": body.front.cemented})
             body = body.model_copy(update={"front": shape})
-        problems = body.problems()
+        problems = [*body.problems(), *_idle(body)]
         if problems:
             raise SceneError(f"{place}.{problems[0]}")
         bodies[name] = body
     check_lenses(bodies, scene.origin)
     return bodies
+
+
+def _idle(body: Body) -> list[str]:
+    """What a body of no medium says in vain."""
+    if body.medium is None and body.priority:
+        return ["priority: decides between media that overlap; the body has no medium: drop it"]
+    return []

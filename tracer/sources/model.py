@@ -55,6 +55,12 @@ class IntensityTable(Node):
             raise ValueError(
                 "an intensity table takes gamma_deg (and c_deg) or theta_deg (phi_deg)"
             )
+        for azimuths, along, other in (
+            ("phi_deg", "theta_deg", self.gamma_deg),
+            ("c_deg", "gamma_deg", self.theta_deg),
+        ):
+            if other and azimuths in self.model_fields_set:
+                raise ValueError(f"{azimuths} are azimuths of a table over {along}")
         angles, turns = self.gamma_deg or self.theta_deg, self.phi_deg
         if self.gamma_deg:
             turns = self.c_deg
@@ -171,6 +177,8 @@ class SourceModel(Source):
                 raise ValueError("give diameter (a disc), size (a rectangle), or neither")
         elif self.kind == "rays" and (self.file is None) == (self.light is None):
             raise ValueError("give a file of rays (or light, in Python)")
+        if self.inner_diameter and self.diameter is None:
+            raise ValueError("inner_diameter is that of a disc: give a diameter, or drop it")
         if self.diameter is not None and self.inner_diameter > self.diameter:
             raise ValueError("inner_diameter is larger than diameter")
 

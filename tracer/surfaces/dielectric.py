@@ -209,6 +209,12 @@ class Coating(Node):
             raise ValueError(
                 "layers need the media that they lie between: between = [first, second]"
             )
+        measured = {"wavelength_nm", "reflectance", "transmittance"} & self.model_fields_set
+        if self.layers and measured:
+            raise ValueError(
+                f"{', '.join(sorted(measured))} belongs to a table over angle_deg; layers are "
+                "computed: drop either"
+            )
 
     def table(self, row: SurfaceRow) -> Array:
         """Its shares by channel and angle (`tracer.optics.coatings`), a row per channel.

@@ -412,3 +412,11 @@ def test_refused_before_anything_is_written(tmp_path: Path) -> None:
     assert sorted(each.name for each in tmp_path.iterdir()) == ["rays.sdf"]
     with pytest.raises(RayFileError, match="there is no ray file"):
         rayfiles.read(tmp_path / "none.sdf")
+
+
+def test_wavelengths_in_a_wrong_unit_are_refused(tmp_path: Path) -> None:
+    """Zemax text files have micrometres; 550 there is 0.55 mm."""
+    path = tmp_path / "rays.dat"
+    path.write_text("1 4\n0 0 0 0 0 1 0.5 550\n")
+    with pytest.raises(RayFileError, match=r"a wavelength of 550000 nm, which is no light"):
+        rayfiles.read(path)

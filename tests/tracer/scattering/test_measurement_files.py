@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -223,3 +225,82 @@ def test_a_brdf_over_the_visible_tilts_faces(tmp_path: Path) -> None:
     fit = SimpleNamespace(average=SimpleNamespace(medium=medium), common=())
     measurement = SimpleNamespace(scatter=tables, index=1.5)
     assert np.isfinite(surface_tilt(measurement, fit).rms_slope)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("</Optical>", "<Layer></Layer></Optical>", "describes 2 layers"),
+        ("<ColumnAngle", "<ScatteringDataType>flux</ScatteringDataType><ColumnAngle", "'flux'"),
+        ('"Integral">Visible', '"angstrom">5500', "Wavelength in 'angstrom'"),
+        ("<Layer>", '<Layer><Thickness unit="furlong">1</Thickness>', "Thickness in 'furlong'"),
+    ],
+)  # fmt: skip
+def test_what_a_bsdf_file_means_otherwise_is_refused(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    path = tmp_path / "sample.xml"
+    path.write_text(BSDF.replace(old, new))
+    with pytest.raises(MeasurementError, match=message):
+        read_bsdf_xml(path, 2.05, error=0.1)
+
+
+def test_a_bsdf_file_of_another_plate_is_warned_about(tmp_path: Path) -> None:
+    path = tmp_path / "sample.xml"
+    path.write_text(BSDF.replace("<Layer>", '<Layer><Thickness unit="Meter">0.003</Thickness>'))
+    with pytest.warns(UserWarning, match=r"of a plate of 3 mm, and is taken for one of 2\.05 mm"):
+        read_bsdf_xml(path, 2.05, error=0.1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        read_bsdf_xml(path, 3.0, error=0.1)
+
+
+@pytest.mark.parametrize(
+    ("head", "message"),
+    [
+        ("wavelength_nm,incidence_deg,R,T,R_err", "'R_err' is not read; did you mean 'R_error'"),
+        ("wavelength_nm,incidence_deg,R,R,T", "two columns are called 'R'"),
+        ("wavelength_nm,incidence_deg,R,T,remark", "'remark' is not read; there may be"),
+    ],
+)
+def test_columns_that_nobody_reads_are_refused(tmp_path: Path, head: str, message: str) -> None:
+    path = write(tmp_path, [(*row, 0.1) for row in GOOD])
+    table = tmp_path / "plate.csv"
+    table.write_text("\n".join([head, *table.read_text().splitlines()[1:]]) + "\n")
+    with pytest.raises(MeasurementError, match=re.escape(message)):
+        load_measurement(path)
+
+
+def test_units_and_sides_hold_for_scattering_tables_too(tmp_path: Path) -> None:
+    scatter = 'thickness = 2.05\nscatter = [{ file = "s.csv" SIDE }]'
+    rows: list[tuple[object, ...]] = [(w / 1000, a, r, t) for w, a, r, t in GOOD]
+    head = '[units]\nwavelength = "um"'
+    text = "wavelength_nm,incidence_deg,theta_deg,btdf\n0.55,0,10,0.2\n0.55,0,20,0.1\n"
+    (tmp_path / "s.csv").write_text(text)
+    path = write(tmp_path, rows, head=head, plate=scatter.replace("SIDE", ""))
+    material, _ = load_measurement(path)
+    np.testing.assert_allclose(material.scatter[0].wavelength_nm, 550.0)
+    path = write(tmp_path, rows, head=head, plate=scatter.replace("SIDE", ', side = "brdf"'))
+    with pytest.raises(MeasurementError, match="holds no brdf, but btdf"):
+        load_measurement(path)
+
+
+@pytest.mark.parametrize(
+    ("said", "nm"), [("633nm", 633.0), ("0.633 um", 633.0), ("633", 633.0), ("0.633", 633.0)]
+)
+def test_wavelengths_of_astm_files(tmp_path: Path, said: str, nm: float) -> None:
+    path = tmp_path / "a.astm"
+    rows = "VARS theta_i,theta_s,BTDF\n0,10,0.2\n0,20,0.1\n"
+    path.write_text(f"WAVELENGTH {said}\n{rows}")
+    (table,) = read_scatter_astm(path, 2.05, error=0.1, side="btdf")
+    np.testing.assert_allclose(table.wavelength_nm, nm)
+    path.write_text(f"WAVELENGTH red\n{rows}")
+    with pytest.raises(MeasurementError, match="'red' is no wavelength"):
+        read_scatter_astm(path, 2.05, error=0.1, side="btdf")
+    path.write_text(
+        rows.replace("BTDF", "BTDF,sigma").replace("0.2", "0.2,9").replace("0.1", "0.1,9")
+    )
+    with pytest.raises(
+        MeasurementError, match=r"several columns beside the angles \(btdf, sigma\)"
+    ):
+        read_scatter_astm(path, 2.05, error=0.1, side="btdf")
