@@ -26,7 +26,7 @@ import aiohttp
 import raymap
 from tests.viewer.small_map import write_map
 from tests.viewer.socket_page import Client
-from viewer.app.incoming import FIELDS
+from viewer.app.incoming import fields
 from viewer.app.server import RunningServer, run_in_thread
 from viewer.drawn.state import ViewState
 from viewer.panels.criterion import CriterionShelf
@@ -81,7 +81,15 @@ def _value(rng: random.Random, depth: int = 0) -> Any:
 def _message(rng: random.Random, number: int) -> dict[str, Any]:
     kind = rng.randrange(10)
     if kind < 5:
-        keys = [*FIELDS, "version", "messages", "criterion", "trame__title", "__dict__", "made up"]
+        keys = [
+            *fields(),
+            "version",
+            "messages",
+            "criterion",
+            "trame__title",
+            "__dict__",
+            "made up",
+        ]
         changes = [
             {"key": rng.choice(keys), "value": _value(rng)}
             for _ in range(rng.choice((1, 1, 3, 40)))

@@ -17,7 +17,7 @@ import pytest
 import raymap
 from tests.viewer.socket_page import Client
 from viewer.app.core import MOST_TASKS
-from viewer.app.incoming import FIELDS
+from viewer.app.incoming import fields
 from viewer.app.server import RunningServer, run_in_thread
 from viewer.drawn.state import ViewState
 
@@ -87,17 +87,17 @@ WRONG: dict[str, list[Any]] = {
 
 def test_every_field_of_the_page_is_bounded(server: RunningServer) -> None:
     state = server.server.state
-    before = {key: state[key] for key in FIELDS}
+    before = {key: state[key] for key in fields()}
 
     async def script(client: Client) -> None:
         for value in (*WRONG["numbers"], *WRONG["others"]):
             await client.call(
-                "trame.state.update", [{"key": key, "value": value} for key in FIELDS]
+                "trame.state.update", [{"key": key, "value": value} for key in fields()]
             )
-            kept = {key: state[key] for key in FIELDS}
+            kept = {key: state[key] for key in fields()}
             for key, found in kept.items():
                 # What was taken is within its bounds: reading it again changes nothing
-                assert FIELDS[key](found) == found, key
+                assert fields()[key](found) == found, key
                 size = len(found) if isinstance(found, str | list | dict) else 0
                 assert size <= 4096, key
         assert {item["kind"] for item in state.messages} == {"error"}
@@ -105,7 +105,7 @@ def test_every_field_of_the_page_is_bounded(server: RunningServer) -> None:
         await client.call(
             "trame.state.update", [{"key": key, "value": value} for key, value in before.items()]
         )
-        assert {key: state[key] for key in FIELDS} == before
+        assert {key: state[key] for key in fields()} == before
         reply = await client.call("trame.trigger", "rm_frame",
                                   [{"width": 64, "height": 48, "ratio": 1}], {})  # fmt: skip
         assert bytes(reply["image"])[:2] == b"\xff\xd8"

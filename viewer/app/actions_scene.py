@@ -17,17 +17,17 @@ class SceneActions(Core):
     """The mouse in the scene, and the controls beside it."""
 
     def _take_look(self) -> None:
-        if not self._quiet and self._change(**{name: self.page[name] for name in LOOK}):
-            self._repaint(legend=self.session.legend(), objects=self.session.objects())
+        if not self.quiet and self.change(**{name: self.page[name] for name in LOOK}):
+            self.repaint(legend=self.session.legend(), objects=self.session.objects())
 
     def _take_section(self) -> None:
         side, place = str(self.page.section_side), float(self.page.section_place)
         section = section_of(
             side, place, on=bool(self.page.section_on), rays=bool(self.page.section_rays)
         )
-        if not self._quiet and self._change(section=section):
+        if not self.quiet and self.change(section=section):
             fields = section_fields(self.session.state, self.session.map.directory)
-            self._repaint(**fields, **self.inquiry.drawn())
+            self.repaint(**fields, **self.inquiry.drawn())
 
     def _take_clip(self) -> None:
         clip = Clip(
@@ -35,8 +35,8 @@ class SceneActions(Core):
             after=int(self.page.clip_after or 0),
             until=int(self.page.clip_until or 0),
         )
-        if not self._quiet and self._change(clip=clip):
-            self._repaint(**self.inquiry.drawn())
+        if not self.quiet and self.change(clip=clip):
+            self.repaint(**self.inquiry.drawn())
 
     async def frame(self, request: dict[str, Any]) -> dict[str, Any]:
         """The picture for a tab, after what its mouse did."""
@@ -63,7 +63,7 @@ class SceneActions(Core):
     async def pick(self, request: dict[str, Any]) -> None:
         """A click in the scene: open the report of the ray there."""
         place = float(request["x"]), float(request["y"])
-        found = await self._ask(self.session.pick, *place, *_size(request))
+        found = await self.ask(self.session.pick, *place, *_size(request))
         if found is None:
             return
         await self.open_ray(str(found[0]), found[1])
@@ -71,13 +71,13 @@ class SceneActions(Core):
     async def hover(self, request: dict[str, Any]) -> str:
         """What is under the mouse."""
         place = float(request["x"]), float(request["y"])
-        text: str = await self._ask(self.session.hover, *place, *_size(request))
+        text: str = await self.ask(self.session.hover, *place, *_size(request))
         return text
 
     def look(self, name: str) -> None:
         """A standard view, fit, parallel or perspective."""
         self.session.look(str(name), *self._size)
-        self._repaint()
+        self.repaint()
 
     async def set_rays(self, step: int) -> None:
         """How many rays are drawn."""
@@ -85,17 +85,17 @@ class SceneActions(Core):
         if self.session.update(rays=number):
             with self.page:
                 self.page.rays_text, self.page.ray_step = f"{number:,}", int(step)
-            await self._redraw()
+            await self.redraw()
 
     def toggle_object(self, name: str) -> None:
         """Hide or show an object."""
         self.session.toggle_object(str(name))
-        self._repaint(objects=self.session.objects())
+        self.repaint(objects=self.session.objects())
 
     def set_opacity(self, name: str, opacity: float) -> None:
         """Opacity of one object."""
         self.session.set_opacity(str(name), float(opacity))
-        self._repaint(objects=self.session.objects())
+        self.repaint(objects=self.session.objects())
 
 
 def _pair(values: Any) -> tuple[float, float] | None:

@@ -15,20 +15,21 @@ from viewer.app.inquiry import Inquiry, criterion_error
 from viewer.app.session import Session
 from viewer.drawn.state import ViewState, state_from_json, state_to_address
 from viewer.panels.criterion import CriterionShelf
+from viewer.panels.detector import FIELDS
+from viewer.panels.panel import PANELS, known_panel
 from viewer.panels.scene import section_fields
 
 if TYPE_CHECKING:
     from raymap.file.reader import RayMap
     from viewer.drawn.bodies import Body
 
-__all__ = ["CLIP", "DETECTOR", "LOOK", "RAY_STEPS", "REFRESH_SECONDS", "SECTION", "Core"]
+__all__ = ["CLIP", "LOOK", "RAY_STEPS", "REFRESH_SECONDS", "SECTION", "Core"]
 
 RAY_STEPS = (50, 100, 200, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000, 100_000, 200_000)
 
 LOOK = ("color", "width", "opacity", "fade", "body_opacity", "names", "dark")
 """Fields of the page that change the picture alone."""
 
-DETECTOR = ("detector", "log_scale", "colormap", "image", "binning")
 SECTION = ("section_on", "section_side", "section_place", "section_rays")
 CLIP = ("clip_event", "clip_after", "clip_until")
 
@@ -73,11 +74,11 @@ class Core:
         self._painting = ThreadPoolExecutor(1, "paint")
         self._asking = ThreadPoolExecutor(2, "ask")
         self._tasks: set[asyncio.Task[Any]] = set()
-        self._cancel = threading.Event()
+        self.stopping = threading.Event()
         self._number = 0
         self._progress = 0.0
         self._size = (900, 700)
-        self._quiet = False
+        self.quiet = False
         self._damage_told = 0
         server.raymap_incoming.say = self.say
 
@@ -115,7 +116,7 @@ class Core:
 
     def close(self) -> None:
         """End running searches."""
-        self._cancel.set()
+        self.stopping.set()
         for task in self._tasks:
             task.cancel()
         self._painting.shutdown(wait=False, cancel_futures=True)
@@ -126,7 +127,7 @@ class Core:
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    async def _ask(self, function: Callable[..., Any], *arguments: Any) -> Any:
+    async def ask(self, function: Callable[..., Any], *arguments: Any) -> Any:
         return await asyncio.get_running_loop().run_in_executor(self._asking, function, *arguments)
 
     # -- messages --------------------------------------------------------------------------------
@@ -171,40 +172,40 @@ class Core:
     def _push(self) -> None:
         """Show the whole state in the page."""
         state, ray_map = self.session.state, self.session.map
-        self._quiet = True
+        self.quiet = True
         step = sum(1 for number in RAY_STEPS if number < state.rays)
         count = f"{ray_map.rays:,} rays"
         with self.page:
             self.page.update(
                 {
-                    **{name: getattr(state, name) for name in (*LOOK, *DETECTOR)},
+                    **{name: getattr(state, name) for name in (*LOOK, *FIELDS)},
                     **section_fields(state, ray_map.directory),
                     **self.shelf.fields(),
-                    "criterion": state.criterion, "panel": state.panel,
+                    "criterion": state.criterion, "panel": known_panel(state.panel),
                     "detector": self.inquiry.detector_name(),
                     "clip_event": state.clip.event, "clip_after": state.clip.after,
                     "clip_until": state.clip.until,
                     "ray_step": min(step, len(RAY_STEPS) - 1), "rays_text": f"{state.rays:,}",
                     "objects": self.session.objects(),
-                    "region": self._region(),
+                    "region": self.region(),
                     "point": state.point, "parallel": self._parallel(),
                     "up": state.up,
                     "map_name": ray_map.path.name, "map_title": str(ray_map.path),
                     "map_rays": count, "recording": not ray_map.finished,
                 }
             )  # fmt: skip
-        self._quiet = False
+        self.quiet = False
 
     def _parallel(self) -> bool:
         camera = self.session.state.camera
         return camera is None or camera.parallel
 
-    def _region(self) -> dict[str, Any] | None:
+    def region(self) -> dict[str, Any] | None:
         """The region that the criterion demands of the shown detector, to be drawn on it."""
         region = self.inquiry.region()
         return asdict(region) if region is not None else None
 
-    def _repaint(self, **fields: Any) -> None:
+    def repaint(self, **fields: Any) -> None:
         """Show a new picture, and the session in the address."""
         with self.page:
             self.page.update(fields)
@@ -213,7 +214,7 @@ class Core:
             self.page.parallel = self._parallel()
             self.page.up = self.session.state.up
 
-    def _change(self, **changes: Any) -> bool:
+    def change(self, **changes: Any) -> bool:
         """Take changes from the page, checked as a saved session would be."""
         merged = asdict(self.session.state)
         merged.update({name: _plain(value) for name, value in changes.items()})
@@ -230,7 +231,7 @@ class Core:
 
     def cancel(self) -> None:
         """Stop the running search."""
-        self._cancel.set()
+        self.stopping.set()
 
     def _note_progress(self, progress: Any) -> None:
         self._progress = float(progress.fraction)
@@ -244,8 +245,8 @@ class Core:
 
     async def _answer(self) -> None:
         """Answer the criterion: rays, picture, table, images; a newer question ends this one."""
-        self._cancel.set()
-        cancel = self._cancel = threading.Event()
+        self.stopping.set()
+        cancel = self.stopping = threading.Event()
         self._number += 1
         number = self._number
         self._progress = 0.0
@@ -253,16 +254,16 @@ class Core:
             self.page.update({"searching": True, "progress": 0.0})
         self._spawn(self._follow(number))
         try:
-            fields = await self._ask(self.inquiry.draw, cancel.is_set, self._early())
+            fields = await self.ask(self.inquiry.draw, cancel.is_set, self._early())
             if number != self._number:
                 return
-            self._repaint(**fields)
-            fields = await self._ask(self.inquiry.answer, cancel.is_set, self._note_progress)
+            self.repaint(**fields)
+            fields = await self.ask(self.inquiry.answer, cancel.is_set, self._note_progress)
             if number != self._number:
                 return
             with self.page:
                 self.page.update({**fields, "criterion_error": None})
-            await self._fill_panel(cancel)
+            await self.fill_panel(cancel)
         except CriterionError as error:
             if number == self._number:
                 with self.page:
@@ -283,29 +284,14 @@ class Core:
                     )
                 self._tell_damage()
 
-    async def _fill_panel(self, cancel: threading.Event, panel: str | None = None) -> None:
+    async def fill_panel(self, cancel: threading.Event, panel: str | None = None) -> None:
         """What the open panel shows of the selection."""
-        shown = panel or self.session.state.panel
-        inquiry, asked = self.inquiry, self._number
-        steps: list[tuple[Callable[..., Any], tuple[Any, ...]]] = []
-        if shown == "paths":
-            by, ghosts = str(self.page.paths_by), bool(self.page.ghosts_only)
-            steps = [
-                (inquiry.paths, (by, ghosts, str(self.page.sort), cancel.is_set)),
-                (inquiry.ghosts, (cancel.is_set,)),
-            ]
-        elif shown == "detector":
-            steps = [(inquiry.look_at_detector, (cancel.is_set,))]
-        elif shown == "criterion":
-            with self.page:
-                self.page.tree = inquiry.plain_tree()
-            steps = [(lambda c: {"tree": inquiry.tree(c)}, (cancel.is_set,))]
-        elif shown == "report" and self.session.state.ray is not None and inquiry.report is None:
-            await self.open_ray(str(self.session.state.ray), self.session.state.point)
+        asked = self._number
+        questions = await PANELS[known_panel(panel or self.session.state.panel)].fill(self, cancel)
         with self.page:
-            self.page.panel_busy = bool(steps)
-        for function, arguments in steps:
-            fields = await self._ask(function, *arguments)
+            self.page.panel_busy = bool(questions)
+        for question in questions:
+            fields = await self.ask(question)
             if cancel.is_set() and asked != self._number:
                 return
             with self.page:
@@ -313,22 +299,22 @@ class Core:
         with self.page:
             self.page.panel_busy = False
 
-    async def _redraw(self) -> None:
+    async def redraw(self) -> None:
         """Other rays of the same selection."""
         with self.page:
             self.page.searching = True
         try:
-            fields = await self._ask(self.inquiry.draw, self._cancel.is_set, self._early())
+            fields = await self.ask(self.inquiry.draw, self.stopping.is_set, self._early())
         finally:
             with self.page:
                 self.page.searching = False
         if fields:
-            self._repaint(**fields)
+            self.repaint(**fields)
 
     def _early(self) -> Callable[[dict[str, Any]], None]:
         """Shows a picture with the first rays, called from a worker."""
         loop = asyncio.get_running_loop()
-        return lambda fields: _ignore(loop.call_soon_threadsafe(lambda: self._repaint(**fields)))
+        return lambda fields: _ignore(loop.call_soon_threadsafe(lambda: self.repaint(**fields)))
 
     async def _watch(self) -> None:
         """Take in what is recorded meanwhile."""
@@ -338,7 +324,7 @@ class Core:
             seen = self._extent()
             await asyncio.sleep(REFRESH_SECONDS)
             try:
-                await self._ask(self.session.map.refresh)
+                await self.ask(self.session.map.refresh)
             except (RayMapError, OSError) as error:
                 self.say(f"the map cannot be read any more: {error}", "error")
                 return
@@ -351,6 +337,10 @@ class Core:
         """What changes while the map grows."""
         return self.session.map.rays, self.session.map.finished
 
+    async def set_criterion(self, text: str) -> None:
+        """A new criterion, from the editor, a panel or a list."""
+        raise NotImplementedError
+
     # -- report ----------------------------------------------------------------------------------
 
     async def open_ray(self, text: str, point: int | None = None) -> None:
@@ -362,15 +352,15 @@ class Core:
                 self.page.report_error = f"{text!r} is no ray number"
             return
         try:
-            fields = await self._ask(self.inquiry.read_report, number)
+            fields = await self.ask(self.inquiry.read_report, number)
         except RayMapError as error:
             with self.page:
                 self.page.report_error = str(error)
             return
-        self._quiet = True
+        self.quiet = True
         self.session.update(ray=number, point=0 if point is None else point, panel="report")
-        self._repaint(**fields, **self.inquiry.point_fields(), report_error="", panel="report")
-        self._quiet = False
+        self.repaint(**fields, **self.inquiry.point_fields(), report_error="", panel="report")
+        self.quiet = False
 
 
 def _ignore(_: object) -> None:

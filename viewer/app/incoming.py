@@ -1,25 +1,25 @@
 """What a page may send: one schema for its state, the calls that exist, bounds for every message.
 
 A page holds the token, yet what it sends is checked like any input: a message may be made by a
-program, by an older page, or by a mistake. Keys of the state that are not in `FIELDS` are ignored;
+program, by an older page, or by a mistake. Keys of the state that are not in `fields` are ignored;
 values that do not fit are refused with one line, and the page gets back what holds.
 """
 
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Mapping
+from functools import cache
 from typing import Any
 
 from raymap.model.events import FAMILIES
 from viewer.app.guard import Guard
-from viewer.drawn.falsecolor import COLORMAPS
-from viewer.drawn.state import COLOR_RULES, PANELS
+from viewer.drawn.state import COLOR_RULES
+from viewer.panels.panel import PANELS
 from viewer.panels.scene import SIDES
-from viewer.panels.tree import mouse_kinds
+from viewer.panels.values import Reader, Refused, choice, flag, number, text, whole
 
-__all__ = ["FIELDS", "MOST_BYTES", "Incoming", "Refused", "check_call"]
+__all__ = ["MOST_BYTES", "Incoming", "check_call", "fields"]
 
 MOST_BYTES = 2**21
 """Of one message; a saved session has up to 2²⁰."""
@@ -33,110 +33,33 @@ _LONG_TEXTS = {"rm_load": 2**20, "rm_restore": 2**20}
 _LOGIN_SECONDS = 10.0
 
 
-class Refused(ValueError):
-    """A value that a page may not send."""
-
-
-Reader = Callable[[Any], Any]
-
-
-def _flag(value: Any) -> bool:
-    if not isinstance(value, bool):
-        raise Refused("true or false")
-    return value
-
-
-def _choice(*options: Any) -> Reader:
-    def read(value: Any) -> Any:
-        # 1 is no true, and 0 no false
-        if not any(type(value) is type(option) and value == option for option in options):
-            raise Refused("one of " + ", ".join(map(str, options)))
-        return value
-
-    return read
-
-
-def _number(least: float, most: float) -> Reader:
-    def read(value: Any) -> float:
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise Refused(f"a number from {least:g} to {most:g}")
-        if not least <= value <= most:
-            raise Refused(f"a number from {least:g} to {most:g}")
-        return value
-
-    return read
-
-
-def _whole(most: int) -> Reader:
-    def read(value: Any) -> int:
-        if value in ("", None):
-            return 0  # a field that was emptied
-        if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= most:
-            raise Refused(f"a whole number from 0 to {most}")
-        return value
-
-    return read
-
-
-def _text(most: int, pattern: str = ".*") -> Reader:
-    fits = re.compile(pattern, re.S).fullmatch
-
-    def read(value: Any) -> str:
-        if not isinstance(value, str) or len(value) > most or not fits(value):
-            raise Refused(f"a text of at most {most} characters")
-        return value
-
-    return read
-
-
-def _maybe(read_some: Reader) -> Reader:
-    return lambda value: None if value is None else read_some(value)
-
-
-def _kind(value: Any) -> str:
-    chosen: str = _choice(*(kind.word for kind in mouse_kinds()))(value)
-    return chosen
-
-
-def _names(value: Any) -> dict[str, str]:
-    if not isinstance(value, dict) or not set(value) <= {kind.word for kind in mouse_kinds()}:
-        raise Refused("a name for each kind of condition")
-    return {key: _text(4096)(name) for key, name in value.items()}
-
-
-FIELDS: Mapping[str, Reader] = {
-    "color": _choice(*COLOR_RULES),
-    "width": _number(0.1, 20),
-    "opacity": _number(0, 1),
-    "fade": _flag,
-    "body_opacity": _number(0, 3),
-    "names": _flag,
-    "dark": _flag,
-    "detector": _maybe(_text(1024)),
-    "log_scale": _flag,
-    "colormap": _choice(*COLORMAPS),
-    "image": _choice("selected", "full", "both"),
-    "binning": _choice(0, 1, 2, 4, 8, 16),
-    "section_on": _flag,
-    "section_side": _choice(*SIDES),
-    "section_place": _number(-_LARGEST, _LARGEST),
-    "section_rays": _flag,
-    "clip_event": _choice(*FAMILIES),
-    "clip_after": _whole(10**6),
-    "clip_until": _whole(10**6),
-    "panel": _choice(*PANELS),
-    "paths_by": _choice("face", "object"),
-    "ghosts_only": _flag,
-    "shape": _choice("rect", "ellipse"),
-    "tree_place": _maybe(_text(1000, r"[0-9.]*")),
-    "atom_kind": _kind,
-    "atom_names": _names,
-    "atom_event": _text(64),
-    "count_compare": _choice("==", ">=", "<=", ">", "<", "!="),
-    "count_value": _whole(10**9),
-    "rays_text": _text(64),
+_SHARED: Mapping[str, Reader] = {
+    "color": choice(*COLOR_RULES),
+    "width": number(0.1, 20),
+    "opacity": number(0, 1),
+    "fade": flag,
+    "body_opacity": number(0, 3),
+    "names": flag,
+    "dark": flag,
+    "section_on": flag,
+    "section_side": choice(*SIDES),
+    "section_place": number(-_LARGEST, _LARGEST),
+    "section_rays": flag,
+    "clip_event": choice(*FAMILIES),
+    "clip_after": whole(10**6),
+    "clip_until": whole(10**6),
+    "rays_text": text(64),
 }
-"""Every key of the state that a page may set, and how its value is read."""
+
+
+@cache
+def fields() -> Mapping[str, Reader]:
+    """Every key of the state that a page may set, and how its value is read."""
+    panels = PANELS.kinds()
+    found = {**_SHARED, "panel": choice(*(panel.word for panel in panels))}
+    for panel in panels:
+        found |= panel.incoming
+    return found
 
 
 def check_call(name: str, arguments: Any) -> None:
@@ -227,10 +150,10 @@ class Incoming:
         taken, wrong = [], {}
         for change in changes[:_MOST_NODES] if isinstance(changes, list) else ():
             key = change.get("key") if isinstance(change, dict) else None
-            if not isinstance(key, str) or key not in FIELDS:
+            if not isinstance(key, str) or key not in fields():
                 continue
             try:
-                taken.append({"key": key, "value": FIELDS[key](change.get("value"))})
+                taken.append({"key": key, "value": fields()[key](change.get("value"))})
             except Refused as error:
                 wrong[key] = str(error)
         if taken:

@@ -12,6 +12,7 @@ import binascii
 import dataclasses
 import json
 import math
+import re
 import types
 import typing
 import zlib
@@ -26,7 +27,6 @@ from raymap.model.replacing import replacing
 __all__ = [
     "COLOR_RULES",
     "MOST_PATHS",
-    "PANELS",
     "Camera",
     "Clip",
     "Region",
@@ -50,8 +50,6 @@ ColorRule = Literal[
 COLOR_RULES: tuple[str, ...] = typing.get_args(ColorRule)
 
 Upward = Literal["y", "z", "x"]
-Panel = Literal["criterion", "detector", "paths", "report"]
-PANELS: tuple[str, ...] = typing.get_args(Panel)
 
 MOST_PATHS = 64
 """Paths of the table that are shown together."""
@@ -171,7 +169,7 @@ class ViewState:
     paths: tuple[str, ...] = ()
     ray: int | None = None
     point: int | None = None
-    panel: Panel = "paths"
+    panel: str = "paths"
     detector: str | None = None
     log_scale: bool = True
     colormap: str = "inferno"
@@ -281,6 +279,8 @@ def state_from_json(values: Any) -> ViewState:
             raise _fail(f"clip.{name}", "between 0 and 1000000", size)
     if not all(0 <= value <= 1 for value in state.opacities.values()):
         raise _fail("opacities", "between 0 and 1", state.opacities)
+    if not re.fullmatch(r"[a-z_]{1,64}", state.panel):
+        raise _fail("panel", "the name of a panel", state.panel)
     if len(state.paths) > MOST_PATHS:
         raise _fail("paths", f"at most {MOST_PATHS} paths", state.paths)
     if len(state.criterion) > _MOST_CRITERION:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import threading
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +13,24 @@ from query.expression.arguments import Events, Names
 from query.expression.names import escape
 from raymap.model.directory import Directory
 from raymap.model.events import FAMILIES
-from viewer.panels.tree import GROUPS, TreeRow, mouse_kinds
+from viewer.panels.panel import Application, Panel, Question
+from viewer.panels.tree import (
+    GROUPS,
+    TreeRow,
+    add_node,
+    count_node,
+    criterion_tree,
+    make_atom,
+    mouse_kinds,
+    negate_node,
+    remove_node,
+    set_group,
+    tree_text,
+)
+from viewer.panels.values import Refused, choice, maybe, text, whole
+from viewer.templates import template
 
-__all__ = ["CriterionShelf", "choices", "tree_fields"]
+__all__ = ["KINDS", "CriterionShelf", "choices", "tree_fields"]
 
 _SHELF_BYTES = 1 << 20
 
@@ -143,3 +160,90 @@ class CriterionShelf:
             "recent": self.recent[:10],
             "saved": [{"name": name, "text": text} for name, text in self.saved.items()],
         }
+
+
+async def edit_tree(app: Application, action: str, key: str, value: str) -> None:
+    """Edit one node of the tree."""
+    tree = criterion_tree(app.session.state.criterion)
+    place = _place(key)
+    if tree is None:
+        return
+    if action == "remove":
+        new = remove_node(tree, place)
+    elif action == "not":
+        new = negate_node(tree, place)
+    elif action == "group":
+        new = set_group(tree, place, str(value))
+    else:
+        compare, number = str(value).split(" ")
+        new = count_node(tree, place, compare, int(number))
+    await app.set_criterion(tree_text(new))
+
+
+async def add_atom(app: Application, join: str, kind: str, name: str, event: str) -> None:
+    """Add a condition to the chosen line of the tree."""
+    tree = criterion_tree(app.session.state.criterion)
+    place = _place(app.page.tree_place or "") if tree is not None else ()
+    atom = make_atom(str(kind), str(name), str(event))
+    await app.set_criterion(tree_text(add_node(tree, place, atom, str(join))))
+
+
+def use_shelf(app: Application, action: str, name: str) -> None:
+    """Save or forget a criterion."""
+    if action == "save":
+        app.shelf.save(str(name), app.session.state.criterion)
+    else:
+        app.shelf.forget(str(name))
+    with app.page:
+        app.page.update(app.shelf.fields())
+
+
+def _place(key: str) -> tuple[int, ...]:
+    return tuple(int(part) for part in str(key).split(".") if part)
+
+
+def _kind(value: Any) -> str:
+    chosen: str = choice(*(kind.word for kind in mouse_kinds()))(value)
+    return chosen
+
+
+def _names(value: Any) -> dict[str, str]:
+    if not isinstance(value, dict) or not set(value) <= {kind.word for kind in mouse_kinds()}:
+        raise Refused("a name for each kind of condition")
+    return {key: text(4096)(name) for key, name in value.items()}
+
+
+async def _fill(app: Application, cancel: threading.Event) -> Sequence[Question]:
+    with app.page:
+        app.page.tree = app.inquiry.plain_tree()
+    return [lambda: {"tree": app.inquiry.tree(cancel.is_set)}]
+
+
+KINDS = (
+    Panel(
+        word="criterion",
+        title="Criterion",
+        place=10,
+        markup=lambda: template("criterion"),
+        fields=lambda app: {
+            "tree": [],
+            "tree_place": None,
+            "atom_kind": "hit",
+            "atom_event": "reflected",
+            "count_compare": ">=",
+            "count_value": 2,
+            "save_name": "",
+            **choices(app.session.map.directory),
+        },
+        incoming={
+            "tree_place": maybe(text(1000, r"[0-9.]*")),
+            "atom_kind": _kind,
+            "atom_names": _names,
+            "atom_event": text(64),
+            "count_compare": choice("==", ">=", "<=", ">", "<", "!="),
+            "count_value": whole(10**9),
+        },
+        actions={"tree": edit_tree, "add": add_atom, "shelf": use_shelf},
+        fill=_fill,
+    ),
+)

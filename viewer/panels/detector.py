@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import base64
+import threading
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,11 +14,18 @@ from numpy.typing import NDArray
 from query.answers.pictures import DetectorImage
 from query.answers.readings import readings
 from raymap.model.doubt import FOOTNOTE, MARK, with_error
-from viewer.drawn.falsecolor import apply_colormap
+from viewer.drawn.falsecolor import COLORMAPS, apply_colormap
+from viewer.drawn.state import Region
 from viewer.paint.plots import profile
 from viewer.paint.rendering import encode_png
+from viewer.panels.panel import Application, Panel, Question
+from viewer.panels.tree import criterion_tree, tree_text, with_region
+from viewer.panels.values import choice, flag, maybe, text
+from viewer.templates import template
 
 __all__ = [
+    "FIELDS",
+    "KINDS",
     "Seen",
     "bin_cells",
     "calm_binning",
@@ -204,3 +213,90 @@ def cross_sections(
         curves.append(("selected", selected[cut], "#56b4e9"))
         parts.append(profile(curves, log=log, caption=caption))
     return "".join(parts)
+
+
+FIELDS = ("detector", "log_scale", "colormap", "image", "binning")
+"""Fields of the page that are part of the session."""
+
+
+async def _take_detector(app: Application) -> None:
+    before = app.inquiry.detector_name()
+    changes = {name: app.page[name] for name in FIELDS}
+    if app.quiet or not app.change(**changes):
+        return
+    if app.inquiry.detector_name() != before:
+        app.inquiry.place = None
+        await app.fill_panel(app.stopping, "detector")
+        app.repaint(region=app.region())
+        return
+    fields = await app.ask(app.inquiry.detector_fields)
+    app.repaint(**fields)
+
+
+async def set_region(app: Application, region: dict[str, Any] | None) -> None:
+    """A region was drawn on the image, or taken away."""
+    detector = app.inquiry.detector()
+    if detector is None:
+        return
+    value = None
+    if region is not None:
+        x0, y0, x1, y1 = (round(float(number), 1) for number in region["values"])
+        shape = "ellipse" if region.get("shape") == "ellipse" else "rect"
+        value = Region(shape=shape, values=(x0, y0, x1, y1))  # type: ignore[arg-type]
+    tree = criterion_tree(app.session.state.criterion)
+    await app.set_criterion(tree_text(with_region(tree, detector, value)))
+
+
+async def set_place(app: Application, place: list[int] | None) -> None:
+    """The cell under the mouse: cross sections go through it."""
+    cells = app.page.detector_cells
+    if place is None or not cells or app.inquiry.images is None:
+        return
+    u, v = int(place[0]), int(place[1])
+    if 0 <= u < cells[0] and 0 <= v < cells[1] and app.inquiry.place != (u, v):
+        app.inquiry.place = (u, v)
+        fields = await app.ask(app.inquiry.section_fields)
+        with app.page:
+            app.page.update(fields)
+
+
+async def _fill(app: Application, cancel: threading.Event) -> Sequence[Question]:
+    return [lambda: app.inquiry.look_at_detector(cancel.is_set)]
+
+
+KINDS = (
+    Panel(
+        word="detector",
+        title="Detector",
+        place=20,
+        markup=lambda: template("detector"),
+        fields=lambda app: {
+            "detectors": [entry.name for entry in app.session.map.directory.detectors],
+            "colormaps": list(COLORMAPS),
+            "shape": "rect",
+            "detector_cells": None,
+            "image_selected": "",
+            "image_full": "",
+            "image_low": "",
+            "image_high": "",
+            "image_gradient": "",
+            "image_peaks": ["", ""],
+            "binned": 1,
+            "detector_note": "",
+            "detector_facts": [],
+            "detector_sections": "",
+            "detector_total": "",
+        },
+        incoming={
+            "detector": maybe(text(1024)),
+            "log_scale": flag,
+            "colormap": choice(*COLORMAPS),
+            "image": choice("selected", "full", "both"),
+            "binning": choice(0, *_BINNINGS),
+            "shape": choice("rect", "ellipse"),
+        },
+        actions={"region": set_region, "place": set_place},
+        changes={FIELDS: _take_detector},
+        fill=_fill,
+    ),
+)

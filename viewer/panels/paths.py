@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 from typing import Any
 
 from raymap.model.doubt import FOOTNOTE, MARK, is_doubtful, marked
 from viewer.drawn.falsecolor import PALETTE
 from viewer.drawn.itinerary import headline
+from viewer.drawn.state import MOST_PATHS, StateError
+from viewer.panels.panel import Application, Panel, Question
+from viewer.panels.values import choice, flag
+from viewer.templates import template
 
-__all__ = ["SORTS", "path_rows", "sort_rows"]
+__all__ = ["KINDS", "SORTS", "path_rows", "sort_rows"]
 
 SORTS = ("flux", "rays", "path")
 
@@ -54,3 +59,81 @@ def path_rows(
             }
         )
     return shown
+
+
+async def choose_path(app: Application, action: str, criterion: str) -> None:
+    """Show a path alone, or together with others."""
+    before = app.session.state.paths
+    text = str(criterion)
+    if action == "clear" or (action == "only" and before == (text,)):
+        paths: tuple[str, ...] = ()
+    elif action == "only":
+        paths = (text,)
+    else:
+        paths = tuple(p for p in before if p != text) if text in before else (*before, text)
+    if len(paths) > MOST_PATHS:
+        raise StateError(f"at most {MOST_PATHS} paths are shown together")
+    changes: dict[str, Any] = {"paths": paths}
+    if len(paths) > 1 and app.session.state.color == "natural":
+        changes["color"] = "path"
+    elif len(paths) <= 1 and len(before) > 1 and app.session.state.color == "path":
+        changes["color"] = "natural"
+    app.session.update(**changes)
+    with app.page:
+        app.page.color = app.session.state.color
+        app.page.update(app.inquiry.sorted_paths(str(app.page.sort)))
+    await app.redraw()
+
+
+def sort_paths(app: Application, by: str) -> None:
+    """Another order of the table."""
+    with app.page:
+        app.page.sort = by if by in SORTS else "flux"
+        app.page.update(app.inquiry.sorted_paths(str(app.page.sort)))
+
+
+async def choose_ghost(app: Application, row: str, column: str) -> None:
+    """A cell of the ghost matrix: select that pair of reflections."""
+    if row != "" and column != "":
+        await app.set_criterion(app.inquiry.pairs[int(row)][int(column)])
+
+
+async def _take_paths(app: Application) -> None:
+    if not app.quiet:
+        await app.fill_panel(app.stopping, "paths")
+
+
+async def _fill(app: Application, cancel: threading.Event) -> Sequence[Question]:
+    by, ghosts, sort = str(app.page.paths_by), bool(app.page.ghosts_only), str(app.page.sort)
+    return [
+        lambda: app.inquiry.paths(by, ghosts, sort, cancel.is_set),
+        lambda: app.inquiry.ghosts(cancel.is_set),
+    ]
+
+
+KINDS = (
+    Panel(
+        word="paths",
+        title="Paths",
+        place=30,
+        markup=lambda: template("paths"),
+        css="rm-paths",
+        fields=lambda app: {
+            "path_table": [],
+            "paths_note": "",
+            "paths_message": "",
+            "paths_by": "face",
+            "ghosts_only": False,
+            "sort": "flux",
+            "checked_paths": [],
+            "ghost_matrix": "",
+            "ghost_note": "",
+            "ghost_reason": "",
+            "many_sources": len(app.session.map.directory.sources) > 1,
+        },
+        incoming={"paths_by": choice("face", "object"), "ghosts_only": flag},
+        actions={"path": choose_path, "sort": sort_paths, "ghost": choose_ghost},
+        changes={("paths_by", "ghosts_only"): _take_paths},
+        fill=_fill,
+    ),
+)

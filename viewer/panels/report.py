@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from raymap.optics.colorimetry import encode_srgb
+from viewer.drawn.answers import path_of_ray
+from viewer.drawn.state import StateError
 from viewer.paint.plots import bars
+from viewer.panels.panel import Application, Panel, Question
+from viewer.templates import template
 
-__all__ = ["point_fields", "report_fields"]
+__all__ = ["KINDS", "point_fields", "report_fields"]
 
 
 def _number(value: Any, unit: str = "") -> str:
@@ -144,3 +149,60 @@ def _meeting(meeting: Any) -> str:
     if meeting.get("cosine") is not None:
         words.append(f"cosine {_text(meeting['cosine'])}")
     return ", ".join(words)
+
+
+async def step_ray(app: Application, step: int) -> None:
+    """The next or the previous ray."""
+    number = app.inquiry.neighbour(int(step))
+    if number is not None:
+        await app.open_ray(str(number))
+
+
+def choose_point(app: Application, point: int) -> None:
+    """A point of the report, marked in the scene."""
+    points = len(app.page.report["points"]) if app.page.report else 0
+    if not 0 <= int(point) < points:
+        raise StateError(f"the report has {points} points")
+    app.session.update(point=int(point))
+    app.repaint(**app.inquiry.point_fields())
+
+
+async def select_path_of_ray(app: Application) -> None:
+    """All rays that took the path of this one."""
+    if app.session.state.ray is not None:
+        ray_map, number = app.session.map, app.session.state.ray
+        await app.set_criterion(await app.ask(path_of_ray, ray_map, number))
+
+
+async def _open_ray(app: Application, text: str, point: int | None = None) -> None:
+    await app.open_ray(text, point)
+
+
+async def _fill(app: Application, cancel: threading.Event) -> Sequence[Question]:
+    state = app.session.state
+    if state.ray is not None and app.inquiry.report is None:
+        await app.open_ray(str(state.ray), state.point)
+    return ()
+
+
+KINDS = (
+    Panel(
+        word="report",
+        title="Report",
+        place=40,
+        markup=lambda: template("report"),
+        fields=lambda app: {
+            "report": None,
+            "report_error": "",
+            "report_point": None,
+            "ray_text": "",
+        },
+        actions={
+            "ray": _open_ray,
+            "step_ray": step_ray,
+            "point": choose_point,
+            "same_path": select_path_of_ray,
+        },
+        fill=_fill,
+    ),
+)

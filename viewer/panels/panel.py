@@ -1,0 +1,125 @@
+"""What a panel of the application is: markup, fields, actions, and how it is filled.
+
+Panels stand as tabs beside the scene. Ours are the modules of `viewer.panels` that declare one in
+``KINDS``; other distributions add theirs under the entry-point group ``raymap.panels``.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from raymap.model.registry import Registry
+from viewer.panels.values import Reader
+
+__all__ = ["PANELS", "Application", "Panel", "Question", "known_panel"]
+
+Question = Callable[[], dict[str, Any]]
+
+
+class Application(Protocol):
+    """What panels may ask of the application (`viewer.app.page.Application`).
+
+    Attributes
+    ----------
+    page : the fields of the page; assign them within ``with application.page:``
+    session : map, state, drawn rays (`viewer.app.session.Session`)
+    inquiry : the questions of the panels and their last answers (`viewer.app.inquiry.Inquiry`)
+    shelf : recent and saved criteria
+    quiet : the application itself sets fields at the moment: nobody at the page changed them
+    stopping : is set when the running search is to end
+    """
+
+    page: Any
+    session: Any
+    inquiry: Any
+    shelf: Any
+    quiet: bool
+    stopping: threading.Event
+
+    async def ask(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        """Call a function in a worker thread."""
+
+    async def set_criterion(self, text: str) -> None:
+        """Another criterion, answered at once."""
+
+    async def open_ray(self, text: str, point: int | None = None) -> None:
+        """The report of a ray."""
+
+    async def fill_panel(self, cancel: threading.Event, panel: str | None = None) -> None:
+        """Ask the questions of the open panel, or of a named one, anew."""
+
+    async def redraw(self) -> None:
+        """Read the rays to draw anew."""
+
+    def repaint(self, **fields: Any) -> None:
+        """Fields of the page, and a new picture."""
+
+    def change(self, **changes: Any) -> bool:
+        """Changes of the session's state, checked; whether it is another now."""
+
+    def region(self) -> dict[str, Any] | None:
+        """The region that the criterion demands of the shown detector."""
+
+
+async def _nothing(application: Application, cancel: threading.Event) -> Sequence[Question]:
+    return ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Panel:
+    """A tab of the application.
+
+    Attributes
+    ----------
+    word : by which session and page know it
+    title : on its tab
+    place : among the tabs, from the lowest
+    markup : its inside, in the template language of Vue; it sees all fields of the page and calls
+        ``trigger('rm_NAME', [arguments])``
+    css : a further class of its outermost element
+    fields : what its fields are at first
+    incoming : fields that the page may set, and how their values are read
+    actions : called by the page, by NAME: functions of the application and the arguments
+    changes : called after the page has set one of some fields: functions of the application
+    fill : asked when the panel is open and the selection is another: questions that are answered
+        one after the other in a worker thread, as fields of the page
+    """
+
+    word: str
+    title: str
+    place: float = 1000.0
+    markup: Callable[[], str]
+    css: str = ""
+    fields: Callable[[Application], dict[str, Any]] = lambda application: {}
+    incoming: Mapping[str, Reader] = field(default_factory=dict)
+    actions: Mapping[str, Callable[..., Any]] = field(default_factory=dict)
+    changes: Mapping[tuple[str, ...], Callable[[Application], Awaitable[None]]] = field(
+        default_factory=dict
+    )
+    fill: Callable[[Application, threading.Event], Awaitable[Sequence[Question]]] = _nothing
+
+    def on_page(self) -> str:
+        """The markup with the element that shows it while its tab is chosen."""
+        kinds = " ".join(("rm-panel", self.css)).strip()
+        return (
+            f'<div class="{kinds}" v-if="panel === \'{self.word}\'" '
+            f'data-testid="panel-{self.word}">\n{self.markup()}</div>'
+        )
+
+
+PANELS: Registry[Panel] = Registry(
+    "raymap.panels",
+    "viewer.panels",
+    words=lambda panel: (panel.word,),
+    of=Panel,
+    sort="panels of the application",
+)
+"""Panels by word."""
+
+
+def known_panel(word: str) -> str:
+    """The panel of a session; the first one where a session names a panel that is not here."""
+    return word if word in PANELS else PANELS.kinds()[0].word
