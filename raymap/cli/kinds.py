@@ -55,7 +55,9 @@ def markdown_table(entries: Sequence[Entry]) -> str:
     rows = ["| written | what it is |", "|---|---|"]
     for entry in entries:
         note = f" ({_whose(entry)})" if _whose(entry) else ""
-        rows.append(f"| `{entry.spelling}` | {entry.title}{note} |")
+        # As docstrings write code, and what ends a cell
+        title = entry.title.replace("``", "`").replace("|", "\\|")
+        rows.append(f"| `{entry.spelling}` | {title}{note} |")
     return "\n".join(rows)
 
 

@@ -34,7 +34,8 @@ class Entry:
 
     Attributes
     ----------
-    word, kind : by which it is asked for, and itself
+    word, kind : by which it is asked for first, and itself
+    words : all by which it is asked for
     origin : its module, or the value of its entry point
     distribution : that registers it, "" for kinds that are found by scanning
     """
@@ -43,6 +44,7 @@ class Entry:
     kind: Any
     origin: str
     distribution: str = ""
+    words: tuple[str, ...] = ()
 
     @property
     def title(self) -> str:
@@ -52,9 +54,9 @@ class Entry:
 
     @property
     def spelling(self) -> str:
-        """How it is written."""
+        """How it is written, or all of its words."""
         spelled = getattr(self.kind, "spelling", None)
-        return self.word if spelled is None else str(spelled())
+        return ", ".join(self.words) if spelled is None else str(spelled())
 
     @property
     def place(self) -> float:
@@ -115,7 +117,8 @@ class Registry(Mapping[str, Kind]):
             if ours and distribution not in ("", OURS):
                 continue
             kind: Any = self[word]
-            found.setdefault(id(kind), Entry(word, kind, origin, distribution))
+            words = tuple(self._words(kind))
+            found.setdefault(id(kind), Entry(word, kind, origin, distribution, words))
         return sorted(found.values(), key=lambda entry: entry.place)
 
     def nearest(self, word: str) -> str:

@@ -285,6 +285,7 @@ def _digest(path: str, modified: int) -> str:
 
 CAD_FILES = FileTable(
     name="cad_files",
+    title="solids of CAD files",
     model=CadFileModel,
     merge=merge_cad_file,
     body_suffixes=tuple(CAD_FORMATS),

@@ -77,6 +77,7 @@ def merge_lens_file(
 
 LENS_FILES = FileTable(
     name="lens_files",
+    title="lenses of other programs",
     model=LensFileModel,
     merge=merge_lens_file,
     scene_suffixes=tuple(LENS_FORMATS),

@@ -24,6 +24,7 @@ class FileTable:
     Attributes
     ----------
     name : the table's
+    title : what its entries name
     model : what an entry may say
     merge : adds to the tables of a scene what an entry's file holds; takes the tables, the entry's
         name and model, the scene's folder, and the scene's name for messages
@@ -33,6 +34,7 @@ class FileTable:
     """
 
     name: str
+    title: str
     model: type[BaseModel]
     merge: Callable[[dict[str, Any], str, Any, Path, str], None]
     scene_suffixes: tuple[str, ...] = ()
