@@ -353,13 +353,10 @@ class Front:
         asyncio.set_event_loop(self._loop)
         servers = [
             self._loop.run_until_complete(
-                asyncio.start_server(
-                    self._serve, sock=each, ssl=self._context, limit=_CHUNK,
-                    ssl_handshake_timeout=_HELLO_SECONDS if self._context else None,
-                )
+                asyncio.start_server(self._serve, sock=each, limit=_CHUNK)
             )
             for each in self._sockets
-        ]  # fmt: skip
+        ]
         self._ready.set()
         self._loop.run_forever()
         for server in servers:
@@ -380,6 +377,10 @@ class Front:
             return
         answers, inner = _Answers(streams), None
         try:
+            if self._context is not None:
+                # Only now: whoever begins TLS takes one of the places, and no other
+                reader, writer = await _secured(self._context, writer)
+                own.writer = writer
             # Who says nothing gets no place at the server
             async with asyncio.timeout(_HELLO_SECONDS):
                 first = await reader.read(_CHUNK)
@@ -487,6 +488,29 @@ async def _go_away(writer: asyncio.StreamWriter, answers: _Answers, text: str) -
             await writer.drain()
         # Let it arrive before the connection is cut
         await asyncio.sleep(0.1)
+
+
+async def _secured(
+    context: ssl.SSLContext, writer: asyncio.StreamWriter
+) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+    """The streams inside of TLS, when its handshake has ended.
+
+    Raises
+    ------
+    OSError
+        It did not end, or the client speaks no TLS.
+    """
+    loop = asyncio.get_running_loop()
+    reader = asyncio.StreamReader(limit=_CHUNK, loop=loop)
+    protocol = asyncio.StreamReaderProtocol(reader, loop=loop)
+    secured = await loop.start_tls(
+        writer.transport, protocol, context, server_side=True,
+        ssl_handshake_timeout=_HELLO_SECONDS,
+    )  # fmt: skip
+    if secured is None:
+        raise ConnectionResetError
+    protocol.connection_made(secured)
+    return reader, asyncio.StreamWriter(secured, protocol, reader, loop)
 
 
 def _context(tls: Tls, folder: Path) -> ssl.SSLContext:

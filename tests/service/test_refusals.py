@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import socket
 import subprocess
 import sys
 import threading
@@ -247,12 +248,45 @@ def test_other_machines_need_tls(folder: Path, tmp_path: Path) -> None:
         Tls.read(tmp_path / "short", tmp_path / "short")
 
 
-def test_tls(start: Starter, tmp_path: Path) -> None:
+def _certified(folder: Path) -> Tls:
+    """A key and a certificate for localhost, as ``key.pem`` and ``cert.pem``."""
     command = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-keyout",
                "key.pem", "-out", "cert.pem", "-subj", "/CN=localhost", "-addext",
                "subjectAltName=DNS:localhost"]  # fmt: skip
-    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
-    secured = start(tls=Tls.read(tmp_path / "cert.pem", tmp_path / "key.pem"))
+    subprocess.run(command, cwd=folder, check=True, capture_output=True)
+    return Tls.read(folder / "cert.pem", folder / "key.pem")
+
+
+@pytest.mark.parametrize("begun", [b"", b"\x16\x03\x01\x02\x00\x01"])
+def test_handshakes_that_do_not_end_take_places_like_others(
+    start: Starter, tmp_path: Path, begun: bytes
+) -> None:
+    """Silent, or within the first record of TLS (RFC 8446, section 5.1): the oldest give way."""
+    limits = Limits(connections=3, spare_workers=0)
+    secured = start(tls=_certified(tmp_path), limits=limits)
+    port = int(secured.address.rpartition(":")[2])
+    held = []
+    for _ in range(20):
+        held.append(socket.create_connection(("localhost", port)))
+        held[-1].sendall(begun)
+    ended = 0
+    for each in held[:16]:
+        each.settimeout(5.0)
+        try:
+            ended += each.recv(1) == b""
+        except ConnectionError:
+            ended += 1
+    assert ended == 16
+    with raymap.connect(
+        secured.address, token=TOKEN, root_certificates=tmp_path / "cert.pem"
+    ) as client:
+        assert client.open("small.raymap").rays > 0
+    for each in held:
+        each.close()
+
+
+def test_tls(start: Starter, tmp_path: Path) -> None:
+    secured = start(tls=_certified(tmp_path))
     assert secured.address.startswith("grpc+tls://")
     with raymap.connect(
         secured.address, token=TOKEN, root_certificates=tmp_path / "cert.pem"
