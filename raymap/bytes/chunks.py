@@ -33,6 +33,9 @@ __all__ = ["Chunk", "ChunkColumns", "Gap", "MapFile"]
 
 _SEARCH_BLOCK = 2**20
 _READ_AHEAD = 8192
+FAR_SEARCH = 2**28
+"""Bytes that are fetched in search of the next chunk of a file behind an address: it may state any
+length, and send zeros as long as it is asked."""
 
 
 @dataclass(frozen=True)
@@ -166,19 +169,23 @@ class MapFile:
             try:
                 chunk = self.chunk_at(offset, size)
             except FormatError as error:
-                found = self._search(offset + 1, size)
+                far = min(size, offset + FAR_SEARCH) if self.bytes.distant else size
+                found = self._search(offset + 1, far, size)
                 end = size if found is None else found.offset
-                yield Gap(offset, end, str(error))
+                reason = str(error)
+                if found is None and far < size:
+                    reason += f"; {FAR_SEARCH} bytes further on is none: copy the file here"
+                yield Gap(offset, end, reason)
                 if found is None:
                     return
                 chunk = found
             yield chunk
             offset = chunk.end
 
-    def _search(self, start: int, size: int) -> Chunk | None:
-        """The next chunk with a sound header at or after ``start``."""
+    def _search(self, start: int, far: int, size: int) -> Chunk | None:
+        """The next chunk with a sound header at or after ``start`` and before ``far``."""
         overlap = len(TAG_PREFIX) - 1
-        while start < size:
+        while start < far:
             block = self.read(start, min(_SEARCH_BLOCK + overlap, size - start))
             place = block.find(TAG_PREFIX)
             while 0 <= place < _SEARCH_BLOCK:

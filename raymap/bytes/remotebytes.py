@@ -13,6 +13,7 @@ from collections import OrderedDict
 from typing import Any
 
 from raymap.bytes.address import Address
+from raymap.bytes.webbytes import MuchSent, is_web, web_links, web_range, web_size
 from raymap.model.errors import FormatError, MissingExtra, NotARayMap, RayMapError
 
 __all__ = ["BLOCK", "RemoteBytes", "file_system", "map_addresses", "upload"]
@@ -20,6 +21,9 @@ __all__ = ["BLOCK", "RemoteBytes", "file_system", "map_addresses", "upload"]
 BLOCK = 2**16
 KEPT_BLOCKS = 64
 TRIES = 3
+LARGEST = 2**62
+MOST_AT_ONCE = 2**30
+"""Bytes of one request: a server may state any length, and send it."""
 _PAUSE = 0.25
 
 
@@ -45,7 +49,16 @@ def file_system(address: Address) -> tuple[Any, str]:
         raise MissingExtra(f"{address} cannot be opened: {_line(error)}") from None
     except Exception as error:  # whatever a file system raises about its options
         raise NotARayMap(f"{address} cannot be opened: {_line(error)}") from None
+    _refuse_archives(found, address)
     return found, path
+
+
+def _refuse_archives(system: Any, address: Address) -> None:
+    """Refuse maps inside of archives, of which any byte may cost unpacking all before it."""
+    from fsspec.archive import AbstractArchiveFileSystem
+
+    if isinstance(system, AbstractArchiveFileSystem):
+        raise NotARayMap(f"{address} lies in an archive; unpack it, and open the map itself")
 
 
 def map_addresses(folder: Address, suffix: str) -> list[Address] | None:
@@ -54,9 +67,13 @@ def map_addresses(folder: Address, suffix: str) -> list[Address] | None:
         return None
     system, path = file_system(folder)
     try:
-        if not system.isdir(path):
+        if is_web(system):
+            entries: Any = web_links(system, path)
+        else:
+            entries = system.ls(path, False) if system.isdir(path) else None
+        if entries is None or (is_web(system) and not entries):
             return None
-        names = [str(entry).rstrip("/").rpartition("/")[2] for entry in system.ls(path, False)]
+        names = [str(entry).rstrip("/").rpartition("/")[2] for entry in entries]
     except Exception as error:
         raise NotARayMap(f"{folder} cannot be listed: {_line(error)}") from None
     chosen = sorted({name.partition("?")[0] for name in names})
@@ -118,9 +135,14 @@ class RemoteBytes:
 
     def _size(self) -> int:
         self._system.invalidate_cache()
-        size = self._system.info(self._path).get("size")
+        if is_web(self._system):
+            size = web_size(self._system, self._path)
+        else:
+            size = self._system.info(self._path).get("size")
         if size is None:
             raise OSError("the server does not say how long it is")
+        if not 0 <= int(size) <= LARGEST:
+            raise OSError(f"the server says that it has {size} bytes")
         return int(size)
 
     @property
@@ -178,8 +200,13 @@ class RemoteBytes:
         """Bytes ``start`` to ``end`` in one request, tried again if the line breaks."""
         for attempt in range(TRIES):
             try:
-                data = bytes(self._system.cat_file(self._path, start=start, end=end))
+                data = self._asked(start, end)
                 break
+            except MuchSent:
+                raise FormatError(
+                    f"{self.address}: the server sends the whole file where a part of it is asked "
+                    "for; use one that serves byte ranges, or copy the map here"
+                ) from None
             except Exception as error:  # each file system has errors of its own
                 if attempt == TRIES - 1 or isinstance(error, FileNotFoundError | PermissionError):
                     raise FormatError(
@@ -189,11 +216,20 @@ class RemoteBytes:
         with self._lock:
             self.bytes_read += len(data)
             self.requests += 1
+        return data
+
+    def _asked(self, start: int, end: int) -> bytes:
+        """What one request brings, all of it."""
+        if end - start > MOST_AT_ONCE:
+            raise OSError(f"{end - start} bytes at once are more than are taken over a network")
+        if is_web(self._system):
+            data = web_range(self._system, self._path, start, end)
+        else:
+            data = bytes(self._system.cat_file(self._path, start=start, end=end))
         if len(data) > end - start:
-            raise FormatError(
-                f"{self.address}: the server sends the whole file where a part of it is asked for; "
-                "use one that serves byte ranges, or copy the map here"
-            )
+            raise MuchSent
+        if len(data) < end - start:
+            raise OSError(f"{len(data)} of {end - start} bytes came")
         return data
 
 
