@@ -7,6 +7,7 @@ from typing import Any
 from raymap.model.registry import Registry
 from tracer.bodies.registry import BODIES
 from tracer.detectors.registry import DETECTORS
+from tracer.geometry.mesh_format import MESH_FORMATS
 from tracer.importers.cad_format import CAD_FORMATS
 from tracer.importers.lens_format import LENS_FORMATS
 from tracer.light import LIGHT_FORMATS
@@ -26,5 +27,6 @@ REGISTRIES: dict[str, Registry[Any]] = {
     "scene_files": FILE_TABLES,
     "lens_formats": LENS_FORMATS,
     "cad_formats": CAD_FORMATS,
+    "mesh_formats": MESH_FORMATS,
     "light_formats": LIGHT_FORMATS,
 }

@@ -65,6 +65,18 @@ def test_a_lens_opens_as_a_scene_and_has_its_focal_length(site: Path, tmp_path: 
     assert found["design"]["efl"] == pytest.approx(1 / power, rel=1e-4)
 
 
+def test_a_mesh_has_its_faces(site: Path, tmp_path: Path) -> None:
+    # A tetrahedron with three right angles at the origin: areas 1/2 three times, and sqrt(3) / 2
+    corners = ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1))
+    lines = (
+        " ".join(str(x) for corner in face for x in corners[corner])
+        for face in ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
+    )
+    (tmp_path / "a.tri").write_text("\n".join(lines), encoding="utf-8")
+    [body] = told(site, tmp_path, "faces", "a.tri")["bodies"]
+    assert sum(face["area"] for face in body["faces"]) == pytest.approx(1.5 + 3**0.5 / 2)
+
+
 def test_what_another_program_traced_becomes_a_map(site: Path, tmp_path: Path) -> None:
     (tmp_path / "a.pts").write_text("1 0 0 0\n1 0 0 8\n2 0 0 0\n2 3 0 4\n", encoding="utf-8")
     assert told(site, tmp_path, "import", "a.pts", "-o", "a.raymap")["rays"] == 2

@@ -140,8 +140,8 @@ def test_a_mesh_pays_for_its_triangles(tmp_path, name, content):
 
 def test_nodes_that_place_a_mesh_many_times_pay_for_it(tmp_path, monkeypatch):
     pytest.importorskip("trimesh")
-    monkeypatch.setattr("tracer.geometry.mesh_files._TRIANGLES_FLOOR", 1000)
-    monkeypatch.setattr("tracer.geometry.mesh_files._TRIANGLES_PER_BYTE", 0)
+    monkeypatch.setattr("tracer.geometry.trimesh_files._TRIANGLES_FLOOR", 1000)
+    monkeypatch.setattr("tracer.geometry.trimesh_files._TRIANGLES_PER_BYTE", 0)
     (tmp_path / "a.glb").write_bytes(_gltf(300, 11, True))
     with pytest.raises(SceneError, match=r"a\.glb places 1100 triangles"):
         load_mesh(tmp_path / "a.glb")

@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 
 __all__ = ["list_faces"]
 
-MESH_SUFFIXES = (".stl", ".obj", ".ply", ".gltf", ".glb")
-
 Row = dict[str, Any]
 
 
@@ -50,6 +48,7 @@ def list_faces(path: str | Path) -> dict[str, Any]:
     SceneError
         for a file that cannot be read
     """
+    from tracer.geometry.mesh_format import MESH_FORMATS
     from tracer.importers.cad_format import CAD_FORMATS
     from tracer.scene.files import scene_suffixes
 
@@ -57,14 +56,14 @@ def list_faces(path: str | Path) -> dict[str, Any]:
     suffix = path.suffix.lower()
     if suffix in CAD_FORMATS:
         unit, bodies = "mm", _of_cad(path)
-    elif suffix in MESH_SUFFIXES:
+    elif suffix in MESH_FORMATS:
         unit, bodies = "", [_of_mesh_file(path)]
     elif suffix == ".toml" or suffix in scene_suffixes():
         unit, bodies = _of_scene(path)
     else:
         raise SceneError(
             f"{path.name}: {suffix or 'a file without suffix'} is not understood; faces are listed "
-            f"of {known_suffixes(CAD_FORMATS.kinds())}, {', '.join(MESH_SUFFIXES)}, "
+            f"of {known_suffixes(CAD_FORMATS.kinds())}, {known_suffixes(MESH_FORMATS.kinds())}, "
             f"{', '.join(scene_suffixes())} and .toml"
         )
     return {"file": path.name, "length_unit": unit or None, "bodies": bodies}

@@ -17,7 +17,7 @@ from raymap.model.registry import Registry
 from tracer.bodies.body import Body
 from tracer.bodies.registry import BODIES
 from tracer.detectors.registry import DETECTORS
-from tracer.geometry.mesh_files import SUFFIXES as MESH_SUFFIXES
+from tracer.geometry.mesh_format import MESH_FORMATS
 from tracer.media.model import MediumModel
 from tracer.scene.copies import CopiesModel, with_copies
 from tracer.scene.files import FILE_TABLES, table_of_bodies, table_of_scene_file
@@ -68,7 +68,7 @@ _NAMED: dict[str, type[BaseModel]] = {
 def is_of_other_program(path: Path) -> bool:
     """Whether a file's suffix is that of a format of another program: a lens, solids, a mesh."""
     tables = (table_of_scene_file(path), table_of_bodies(path))
-    return path.suffix.lower() in MESH_SUFFIXES or any(table is not None for table in tables)
+    return path.suffix.lower() in MESH_FORMATS or any(table is not None for table in tables)
 
 
 def load_scene(
@@ -100,7 +100,7 @@ def load_scene(
             )
         bodies = table_of_bodies(path)
         taken = f"[{bodies.name}.NAME] with file" if bodies is not None else ""
-        if path.suffix.lower() in MESH_SUFFIXES:
+        if path.suffix.lower() in MESH_FORMATS:
             taken = _MESH
         if taken:
             raise SceneError(
