@@ -21,7 +21,7 @@ from PIL import Image
 
 import query
 import raymap
-from query.answers.ghosts import ghost_matrix
+from query.answers.paths.ghosts import ghost_matrix
 from raymap.optics.photometry import displayed
 from tracer import load_scene, record
 from viewer import ViewState, picture

@@ -22,7 +22,7 @@ from PIL import Image
 
 import query
 import raymap
-from query.answers.ghosts import ghost_matrix
+from query.answers.paths.ghosts import ghost_matrix
 from viewer import Section, ViewState, picture
 from viewer.app.server import RunningServer, run_in_thread
 

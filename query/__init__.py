@@ -14,21 +14,21 @@ from query.expression.spellings import as_criterion
 from raymap.model.events import Event
 
 if TYPE_CHECKING:
-    from query.answers.comparison import Comparison, compare
-    from query.answers.energy import Audit, audit
-    from query.answers.explanation import Explanation, explain
     from query.answers.filter_strings import translate
-    from query.answers.ghosts import GhostMatrix, GhostTable, ghost_matrix, ghost_table
-    from query.answers.illumination import Illumination, illuminated
-    from query.answers.image_files import write_image
-    from query.answers.images import detector_image, detector_images
-    from query.answers.pictures import DetectorImage
-    from query.answers.ray_report import report
-    from query.answers.rays_at_place import rays_at, write_ray_file
-    from query.answers.selection import Selection
-    from query.answers.selector import select, select_many
-    from query.answers.sweeps import SweepRow, sweep
-    from query.answers.tables import PathRow, PathTable, path_table
+    from query.answers.images.image_files import write_image
+    from query.answers.images.images import detector_image, detector_images
+    from query.answers.images.pictures import DetectorImage
+    from query.answers.paths.ghosts import GhostMatrix, GhostTable, ghost_matrix, ghost_table
+    from query.answers.paths.tables import PathRow, PathTable, path_table
+    from query.answers.reports.comparison import Comparison, compare
+    from query.answers.reports.energy import Audit, audit
+    from query.answers.reports.illumination import Illumination, illuminated
+    from query.answers.reports.ray_report import report
+    from query.answers.reports.rays_at_place import rays_at, write_ray_file
+    from query.answers.reports.sweeps import SweepRow, sweep
+    from query.answers.selections.explanation import Explanation, explain
+    from query.answers.selections.selection import Selection
+    from query.answers.selections.selector import select, select_many
     from query.atoms.angle_of_polarisation import angle_of_polarisation
     from query.atoms.bounces import bounces
     from query.atoms.count import count
@@ -52,38 +52,38 @@ if TYPE_CHECKING:
     from query.expression.json_form import from_json
 
 _LAZY = {
-    "Audit": "query.answers.energy",
-    "Comparison": "query.answers.comparison",
-    "DetectorImage": "query.answers.pictures",
-    "Explanation": "query.answers.explanation",
-    "GhostMatrix": "query.answers.ghosts",
-    "GhostTable": "query.answers.ghosts",
-    "Illumination": "query.answers.illumination",
-    "PathRow": "query.answers.tables",
-    "PathTable": "query.answers.tables",
+    "Audit": "query.answers.reports.energy",
+    "Comparison": "query.answers.reports.comparison",
+    "DetectorImage": "query.answers.images.pictures",
+    "Explanation": "query.answers.selections.explanation",
+    "GhostMatrix": "query.answers.paths.ghosts",
+    "GhostTable": "query.answers.paths.ghosts",
+    "Illumination": "query.answers.reports.illumination",
+    "PathRow": "query.answers.paths.tables",
+    "PathTable": "query.answers.paths.tables",
     "Progress": "query.engine.scan",
-    "Selection": "query.answers.selection",
-    "SweepRow": "query.answers.sweeps",
+    "Selection": "query.answers.selections.selection",
+    "SweepRow": "query.answers.reports.sweeps",
     "all_": "query.atoms.event",
     "angle_of_polarisation": "query.atoms.angle_of_polarisation",
-    "audit": "query.answers.energy",
+    "audit": "query.answers.reports.energy",
     "bounces": "query.atoms.bounces",
-    "compare": "query.answers.comparison",
+    "compare": "query.answers.reports.comparison",
     "count": "query.atoms.count",
     "crossed": "query.atoms.crossed",
     "degree_of_polarisation": "query.atoms.degree_of_polarisation",
     "detected": "query.atoms.detected",
-    "detector_image": "query.answers.images",
-    "detector_images": "query.answers.images",
+    "detector_image": "query.answers.images.images",
+    "detector_images": "query.answers.images.images",
     "ellipse": "query.atoms.detected",
     "event": "query.atoms.event",
-    "explain": "query.answers.explanation",
+    "explain": "query.answers.selections.explanation",
     "flux": "query.atoms.flux",
     "from_json": "query.expression.json_form",
-    "ghost_matrix": "query.answers.ghosts",
-    "ghost_table": "query.answers.ghosts",
+    "ghost_matrix": "query.answers.paths.ghosts",
+    "ghost_table": "query.answers.paths.ghosts",
     "hit": "query.atoms.hit",
-    "illuminated": "query.answers.illumination",
+    "illuminated": "query.answers.reports.illumination",
     "incidence": "query.atoms.incidence",
     "last": "query.atoms.last",
     "length": "query.atoms.length",
@@ -93,18 +93,18 @@ _LAZY = {
     "parameter": "query.atoms.hit",
     "parse": "query.expression.grammar",
     "path": "query.atoms.path",
-    "path_table": "query.answers.tables",
-    "rays_at": "query.answers.rays_at_place",
+    "path_table": "query.answers.paths.tables",
+    "rays_at": "query.answers.reports.rays_at_place",
     "rect": "query.atoms.detected",
-    "report": "query.answers.ray_report",
-    "select": "query.answers.selector",
-    "select_many": "query.answers.selector",
+    "report": "query.answers.reports.ray_report",
+    "select": "query.answers.selections.selector",
+    "select_many": "query.answers.selections.selector",
     "source": "query.atoms.source",
-    "sweep": "query.answers.sweeps",
+    "sweep": "query.answers.reports.sweeps",
     "translate": "query.answers.filter_strings",
     "wavelength": "query.atoms.wavelength",
-    "write_image": "query.answers.image_files",
-    "write_ray_file": "query.answers.rays_at_place",
+    "write_image": "query.answers.images.image_files",
+    "write_ray_file": "query.answers.reports.rays_at_place",
 }
 
 __all__ = [

@@ -84,7 +84,7 @@ class Questions:
         if criterion is None:
             raise BadRequest("criterion: the criterion is empty")
         if name is not None:
-            from query.answers.selector import bind_all
+            from query.answers.selections.selector import bind_all
 
             with self.library.map(name) as ray_map:
                 bind_all(ray_map, [criterion])
@@ -92,7 +92,7 @@ class Questions:
 
     def count(self, request: Request, gone: Gone) -> dict[str, Any]:
         """How many rays satisfy a criterion, and their flux."""
-        from query.answers.selector import select
+        from query.answers.selections.selector import select
 
         name, criterion = request.text("map"), request.criterion()
         limit = request.whole("limit", 1, 2**62, None)
@@ -108,7 +108,7 @@ class Questions:
 
     def report(self, request: Request, gone: Gone) -> dict[str, Any]:
         """Everything that is recorded of one ray."""
-        from query.answers.ray_report import report
+        from query.answers.reports.ray_report import report
 
         name, ray = request.text("map"), request.whole("ray_id", 0, 2**62)
         request.finish()

@@ -86,7 +86,7 @@ class Streams:
         gone: Gone,
     ) -> Any:  # fmt: skip
         """Map and selection, and the function that says whether the time is over."""
-        from query.answers.selector import select
+        from query.answers.selections.selector import select
 
         ray_map = stack.enter_context(self.library.map(name))
         with self.gate.turn():
@@ -154,7 +154,7 @@ class Streams:
         return Answer(_LINES, make())
 
     def _paths(self, request: Request, gone: Gone) -> Answer:
-        from query.answers.tables import path_table
+        from query.answers.paths.tables import path_table
 
         name, criterion = request.text("map"), request.criterion()
         by = request.choice("by", ("face", "object"), "face")
@@ -181,7 +181,7 @@ class Streams:
 
     def _image(self, request: Request, gone: Gone) -> Answer:
         """What the selected rays put on a detector, one row of cells per row of the table."""
-        from query.answers.images import detector_image
+        from query.answers.images.images import detector_image
 
         name, criterion = request.text("map"), request.criterion()
         detector = request.text("detector")

@@ -16,7 +16,11 @@ from typing import Any
 
 MODULES = {
     "scene": ("tracer.scene.compile", "tracer.run.recording", "tracer.importers.expand"),
-    "picture": ("viewer.paint.rendering", "viewer.drawn.scene", "query.answers.selector"),
+    "picture": (
+        "viewer.paint.rendering",
+        "viewer.drawn.scene",
+        "query.answers.selections.selector",
+    ),
 }
 """What is imported before there is a job, by what the process is kept for."""
 

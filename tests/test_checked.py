@@ -21,7 +21,7 @@ _MADE_IN = {
         # From what a tracer handed in, and from dictionaries that were checked
         "raymap/encoding/dictionary.py": ["with_sums"],
         # The first path of a checked one, to load compiled loops with
-        "query/answers/warm.py": ["_first_path"],
+        "query/answers/selections/warm.py": ["_first_path"],
     },
     "RayContext": {"query/engine/search.py": ["context"]},
     "PathColumns": {"query/engine/context.py": ["columns"]},

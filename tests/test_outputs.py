@@ -57,7 +57,7 @@ surface = "absorber"
 def originals(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """What the words in capitals stand for."""
     from query import select
-    from query.answers.rays_at_place import write_ray_file
+    from query.answers.reports.rays_at_place import write_ray_file
 
     folder = tmp_path_factory.mktemp("originals")
     path = write_map(folder / "small.raymap")

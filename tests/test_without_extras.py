@@ -85,10 +85,10 @@ LONG = ("render", "verify-crystals")
 """Commands that compile for long: left to the slow tests."""
 
 DRAWN = {
-    "chart": ("matplotlib", "query.answers.images.detector_image"),
+    "chart": ("matplotlib", "query.answers.images.images.detector_image"),
     "fit-scattering": ("matplotlib", "tracer.scattering.fit_material.fit_material"),
     "goniophotometer": ("matplotlib", "tracer.scattering.goniophotometer.measure_plate"),
-    "image": ("tifffile", "query.answers.images.detector_images"),
+    "image": ("tifffile", "query.answers.images.images.detector_images"),
     "lens-cone": ("matplotlib", "tracer.studies.cone.masked_cone"),
     "lens-levels": ("matplotlib", "tracer.studies.levels.level_shares"),
     "lens-picture": ("PIL", "tracer.studies.lens_pictures.lens_picture"),

@@ -140,7 +140,7 @@ def chart(
     strict: Strict = False,
 ) -> None:
     """Draw what a detector measures: scale, cross sections, candela diagram, beam angles."""
-    from query.answers.readings import reading_lines
+    from query.answers.images.readings import reading_lines
     from viewer.paint.charts import chart as draw
 
     with opened_map(map, strict) as ray_map:

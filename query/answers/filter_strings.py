@@ -236,7 +236,7 @@ class _Translator:
     def path_number(self, number: int) -> Criterion:
         if self.map is None:
             raise CriterionError(f"_{number} needs an open map, whose path table it counts")
-        from query.answers.tables import path_table
+        from query.answers.paths.tables import path_table
 
         rows = path_table(self.map, by="object").rows(number)[:-1]
         if not 1 <= number <= len(rows):

@@ -71,13 +71,13 @@ def query(
     strict: Strict = False,
 ) -> None:
     """Find the rays that satisfy a criterion."""
-    from query.answers.selector import select
-    from query.answers.warm import warm_up
+    from query.answers.selections.selector import select
+    from query.answers.selections.warm import warm_up
 
     # A table can be made again; a map may be somebody's original
     replace = force or (output is not None and output.suffix.lower() != ".raymap")
     if output is not None:
-        from query.answers.output import check_target
+        from query.answers.selections.output import check_target
 
         check_target(output, rows, force=replace)
     with opened_map(map, strict) as ray_map, workers(scheduler) as executor:
@@ -114,7 +114,7 @@ def query(
 
 
 def _explain(ray_map: RayMap, asked: Any, threads: int | None, json: bool) -> None:
-    from query.answers.explanation import explain
+    from query.answers.selections.explanation import explain
 
     explanation = explain(ray_map, asked, threads=threads)
     if json:
@@ -157,7 +157,7 @@ def paths(
     strict: Strict = False,
 ) -> None:
     """List the paths of a selection: rays, flux, standard error, share."""
-    from query.answers.tables import path_table
+    from query.answers.paths.tables import path_table
 
     with opened_map(map, strict) as ray_map, workers(scheduler) as executor:
         asked = read_criterion(criterion, ray_map, filter_string)
@@ -194,7 +194,7 @@ def report(
     strict: Strict = False,
 ) -> None:
     """Show everything that is recorded of one ray, point by point."""
-    from query.answers.ray_report import report as report_of
+    from query.answers.reports.ray_report import report as report_of
 
     with opened_map(map, strict) as ray_map:
         ray = report_of(ray_map, ray_id)
@@ -240,8 +240,8 @@ def image(
     strict: Strict = False,
 ) -> None:
     """Write the picture that the selected rays make on a detector."""
-    from query.answers.image_files import KINDS, check_image, write_image
-    from query.answers.images import detector_images
+    from query.answers.images.image_files import KINDS, check_image, write_image
+    from query.answers.images.images import detector_images
 
     if kind is not None and kind not in KINDS:
         raise typer.BadParameter(f"--kind is one of {', '.join(KINDS)}")
@@ -298,8 +298,8 @@ def _speckle(picture: Any, bin: int) -> str:
 
 def _written(path: Path, picture: Any, kind: str | None) -> dict[str, Any]:
     """What a picture holds, in numbers: in the unit of its kind, else in that of the map."""
-    from query.answers.image_files import QUANTITIES
-    from query.answers.readings import readings
+    from query.answers.images.image_files import QUANTITIES
+    from query.answers.images.readings import readings
     from raymap.optics.cells import is_pinhole
 
     name, unit, peak = picture.density_name, picture.density_unit, {}

@@ -46,8 +46,8 @@ def rayfile(
     strict: Strict = False,
 ) -> None:
     """Write the light that reaches a face or detector as a ray file, to be a source elsewhere."""
-    from query.answers.rays_at_place import write_ray_file
-    from query.answers.selector import select
+    from query.answers.reports.rays_at_place import write_ray_file
+    from query.answers.selections.selector import select
 
     with opened_map(map, strict) as ray_map:
         asked = read_criterion(criterion, ray_map, filter_string)

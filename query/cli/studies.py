@@ -21,8 +21,8 @@ def audit(
     strict: Strict = False,
 ) -> None:
     """Show where the light of each source ended: absorbed, detected, left, stopped, errors."""
-    from query.answers.energy import CLASSES
-    from query.answers.energy import audit as audit_of
+    from query.answers.reports.energy import CLASSES
+    from query.answers.reports.energy import audit as audit_of
 
     with opened_map(map, strict) as ray_map:
         result = audit_of(ray_map, criterion, threads=threads)
@@ -61,7 +61,7 @@ def ghosts(
     strict: Strict = False,
 ) -> None:
     """List ghosts by the faces that reflect, mirrors left out, in the order of the light."""
-    from query.answers.ghosts import ghost_table, matrix_of
+    from query.answers.paths.ghosts import ghost_table, matrix_of
 
     with opened_map(map, strict) as ray_map:
         table = ghost_table(ray_map, detector, criterion, reflections=reflections, threads=threads)
@@ -100,7 +100,7 @@ def illuminated(
     strict: Strict = False,
 ) -> None:
     """List the objects that the sources light, those that a detector sees, and both."""
-    from query.answers.illumination import illuminated as light_of
+    from query.answers.reports.illumination import illuminated as light_of
 
     with opened_map(map, strict) as ray_map:
         result = light_of(ray_map, detector, criterion, threads=threads)
@@ -124,7 +124,7 @@ def sweep(
     strict: Strict = False,
 ) -> None:
     """Show flux at a detector and point source transmittance, source by source."""
-    from query.answers.sweeps import sweep as sweep_of
+    from query.answers.reports.sweeps import sweep as sweep_of
 
     with opened_map(map, strict) as ray_map:
         rows = [row.to_json() for row in sweep_of(ray_map, detector, criterion, threads=threads)]
@@ -154,7 +154,7 @@ def compare(
     strict: Strict = False,
 ) -> None:
     """Compare two maps path by path, with the significance of each difference."""
-    from query.answers.comparison import compare as compare_maps
+    from query.answers.reports.comparison import compare as compare_maps
 
     with opened_map(map, strict) as first, opened_map(other, strict) as second:
         result = compare_maps(

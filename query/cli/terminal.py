@@ -9,8 +9,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from query.answers.selection import Selection
-from query.answers.tables import PathTable
+from query.answers.paths.tables import PathTable
+from query.answers.selections.selection import Selection
 from raymap.model.doubt import FOOTNOTE, is_doubtful, marked
 from raymap.optics.colorimetry import encode_srgb
 

@@ -25,8 +25,8 @@ from query import (
     select,
     sweep,
 )
-from query.answers.image_files import write_image
-from query.answers.readings import readings
+from query.answers.images.image_files import write_image
+from query.answers.images.readings import readings
 from raymap.file.repair import repair
 
 __all__ = ["ask"]

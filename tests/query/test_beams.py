@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 import raymap
 import tracer
 from query import DetectorImage, detector_image
-from query.answers.beams import beam_of
-from query.answers.image_files import write_image
-from query.answers.readings import reading_lines, readings
+from query.answers.images.beams import beam_of
+from query.answers.images.image_files import write_image
+from query.answers.images.readings import reading_lines, readings
 from raymap import Detector
 from tests.far_fields import far_field
 from tracer.light import read_light

@@ -10,8 +10,8 @@ from pydantic import ValidationError
 
 import raymap
 from query import detector_image
-from query.answers.narrow import narrow
-from query.answers.readings import readings
+from query.answers.images.narrow import narrow
+from query.answers.images.readings import readings
 from raymap.model.errors import RayMapError
 from raymap.model.limits import PICTURE_FLOOR
 from raymap.optics.cells import cell_measure

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from query.answers.image_files import write_image
+from query.answers.images.image_files import write_image
 from raymap import RayMapError
 from tests.far_fields import far_field
 from tracer.light import read_light

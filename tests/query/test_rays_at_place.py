@@ -11,7 +11,7 @@ import pytest
 
 import query
 import raymap
-from query.answers.rays_at_place import rays_at, write_ray_file
+from query.answers.reports.rays_at_place import rays_at, write_ray_file
 from raymap import rayfiles
 from raymap.model.errors import RayMapError, UnknownName
 from raymap.rayfiles import RaySet

@@ -16,7 +16,7 @@ import pytest
 
 import raymap
 from query import select
-from query.answers.tables import path_table
+from query.answers.paths.tables import path_table
 from raymap.bytes.address import Address
 from raymap.bytes.remotebytes import upload
 from raymap.model.errors import DamagedPortion, RayMapError, UnknownName

@@ -135,7 +135,7 @@ def test_ghosts_by_pair_of_faces(map: Any) -> None:
 
 def test_the_audit_closes(map: Any) -> None:
     audit = query.audit(map)
-    classes = query.answers.energy.CLASSES if hasattr(query, "energy") else None
+    classes = query.answers.reports.energy.CLASSES if hasattr(query, "energy") else None
     assert classes is None or len(classes) == audit.rays.shape[1]
     assert (audit.rays.sum(axis=1) + audit.missing == map.emitted).all()
     np.testing.assert_allclose(

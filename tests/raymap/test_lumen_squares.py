@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 import query
 import raymap
-from query.answers.selector import bind_all
+from query.answers.selections.selector import bind_all
 from query.engine.scan import Scan
 from raymap.file.repair import repair
 from raymap.file.selection import copy_selection

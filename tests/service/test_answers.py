@@ -11,7 +11,7 @@ import pytest
 import query
 import raymap
 import viewer
-from query.answers.tables import path_table
+from query.answers.paths.tables import path_table
 from raymap.remote.client import Service
 from service import RaymapService
 from tests.service.conftest import TOKEN

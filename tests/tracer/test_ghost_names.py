@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import raymap
-from query.answers.ghosts import ghost_matrix
+from query.answers.paths.ghosts import ghost_matrix
 from query.expression.names import FaceNames
 from raymap.model.events import Event
 from tracer.run.recording import record

@@ -11,7 +11,7 @@ import pytest
 import query
 import raymap
 import tracer
-from query.answers.rays_at_place import write_ray_file
+from query.answers.reports.rays_at_place import write_ray_file
 from raymap.model.errors import SceneError
 
 FILES = Path(__file__).parents[1] / "data" / "photometry"

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 import query
 import raymap
-from query.answers.beams import beam_of
-from query.answers.readings import readings
+from query.answers.images.beams import beam_of
+from query.answers.images.readings import readings
 from tests.validation import Row, check
 from tracer import record
 

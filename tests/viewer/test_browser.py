@@ -15,7 +15,7 @@ import pytest
 
 import raymap
 from query import select
-from query.answers.ray_report import report
+from query.answers.reports.ray_report import report
 from tests.viewer.page import WINDOW, Page
 from tests.viewer.small_map import make_directory, make_portion, rgb_channels, write_map
 from viewer.app.server import RunningServer, run_in_thread

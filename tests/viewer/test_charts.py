@@ -11,8 +11,8 @@ import pytest
 from typer.testing import CliRunner
 
 from query import detector_image
-from query.answers.beams import beam_of, full_angle
-from query.answers.readings import readings
+from query.answers.images.beams import beam_of, full_angle
+from query.answers.images.readings import readings
 from raymap import RayMap, RayMapError
 from raymap.cli import application
 from tests.far_fields import far_field

@@ -13,7 +13,7 @@ from PIL import Image
 import query
 import raymap
 from query import select
-from query.answers.readings import reading_lines, readings
+from query.answers.images.readings import reading_lines, readings
 from raymap.model.errors import RayNotFound
 from tests.viewer.small_map import CELLS, write_map
 from viewer.app.inquiry import GHOSTS, Inquiry, criterion_error

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from query.answers.ghosts import ghost_reflections
+from query.answers.paths.ghosts import ghost_reflections
 from query.atoms.event import event
 from raymap.model.directory import Detector
 from raymap.model.doubt import FOOTNOTE, MARK, marked
@@ -48,7 +48,7 @@ from viewer.panels.report import point_fields, report_fields
 from viewer.panels.tree import criterion_region, criterion_tree, region_values, tree_rows
 
 if TYPE_CHECKING:
-    from query.answers.selection import Selection
+    from query.answers.selections.selection import Selection
 
 __all__ = ["GHOSTS", "Inquiry", "criterion_error"]
 

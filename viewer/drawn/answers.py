@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from query import select
-from query.answers.ghosts import GhostMatrix, matrix_of
-from query.answers.ghosts import ghost_table as query_ghosts
-from query.answers.images import detector_image as query_image
-from query.answers.pictures import DetectorImage
-from query.answers.ray_report import report
-from query.answers.selector import bind_all
-from query.answers.tables import path_table as query_table
+from query.answers.images.images import detector_image as query_image
+from query.answers.images.pictures import DetectorImage
+from query.answers.paths.ghosts import GhostMatrix, matrix_of
+from query.answers.paths.ghosts import ghost_table as query_ghosts
+from query.answers.paths.tables import path_table as query_table
+from query.answers.reports.ray_report import report
+from query.answers.selections.selector import bind_all
 from query.engine.context import PathContext
 from query.engine.path_text import PathNames, exact_criterion, path_text
 from query.engine.scan import default_threads
@@ -31,7 +31,7 @@ from viewer.drawn.itinerary import headline
 from viewer.drawn.rays import DrawnRays
 
 if TYPE_CHECKING:
-    from query.answers.selection import Selection
+    from query.answers.selections.selection import Selection
     from raymap.file.reader import RayMap
 
 __all__ = [

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from query import DetectorImage, detector_image
-from query.answers.beams import BeamPlane, beam_of
-from query.answers.readings import reading_lines, readings
+from query.answers.images.beams import BeamPlane, beam_of
+from query.answers.images.readings import reading_lines, readings
 from raymap import RayMap
 from raymap.model.errors import RayMapError
 from raymap.model.extras import require
@@ -70,8 +70,8 @@ def chart(
 
     Returns
     -------
-    what stands below the chart (`query.answers.readings`): flux, peak, mean, evenness, angles of
-    the beam
+    what stands below the chart (`query.answers.images.readings`): flux, peak, mean, evenness,
+    angles of the beam
 
     Raises
     ------

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from query.answers.pictures import DetectorImage
-from query.answers.readings import readings
+from query.answers.images.pictures import DetectorImage
+from query.answers.images.readings import readings
 from raymap.model.doubt import FOOTNOTE, MARK, with_error
 from viewer.drawn.falsecolor import COLORMAPS, apply_colormap
 from viewer.drawn.state import Region
@@ -93,7 +93,7 @@ def image_url(
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """A picture and what is read off it, the numbers of a chart (`query.answers.readings`)."""
+    """A picture and what is read off it (`query.answers.images.readings`)."""
 
     image: DetectorImage
     numbers: dict[str, Any]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import raymap
 from query import path_table, select
-from query.answers.ghosts import ghost_matrix
+from query.answers.paths.ghosts import ghost_matrix
 from raymap.model.events import Event
 from raymap.model.portion import Portion
 from tests.tracer.engine.tracing import compiled

@@ -18,7 +18,7 @@ import pytest
 
 import query
 import raymap
-from query.answers.energy import audit
+from query.answers.reports.energy import audit
 from raymap import rayfiles
 from raymap.optics.colorimetry import chromaticity, photopic
 from tests.raymap.test_lumen_squares import asked_of_paths
@@ -181,7 +181,7 @@ def sources_agree(
     for row, source in enumerate(lumen.directory.sources):
         name = source.name
         ended = results["lm"].fluxes["sources"][name]
-        for column, kind in enumerate(query.answers.energy.CLASSES):
+        for column, kind in enumerate(query.answers.reports.energy.CLASSES):
             found = whole.flux[row, column], whole.flux_se[row, column]
             assert ended[kind]["flux"] == pytest.approx(found[0], rel=1e-6, abs=1e-9)
             assert ended[kind]["flux_se"] == pytest.approx(found[1], rel=1e-3, abs=1e-9)

@@ -15,7 +15,7 @@ from scipy.stats import chi2
 
 import query
 import raymap
-from query.answers.energy import audit
+from query.answers.reports.energy import audit
 from raymap import rayfiles
 from raymap.optics.colorimetry import chromaticity, photopic
 from tests.raymap.test_lumen_squares import asked_of_paths
@@ -211,7 +211,10 @@ def everything(result: RecordResult, ray_map: raymap.RayMap, folder: Path) -> di
         np.testing.assert_allclose(watts, image.watts, rtol=1e-4, atol=1e-12)
     whole = audit(ray_map)
     counted = [
-        [result.fluxes["sources"][source][kind]["flux"] for kind in query.answers.energy.CLASSES]
+        [
+            result.fluxes["sources"][source][kind]["flux"]
+            for kind in query.answers.reports.energy.CLASSES
+        ]
         for source in ("a", "b")
     ]
     np.testing.assert_allclose(whole.flux, counted, rtol=1e-6, atol=1e-9)

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from query.answers.beams import Beam, beam_of
-from query.answers.local_fits import Joined, join_windows, largest, least, shares_of
-from query.answers.pictures import DetectorImage
-from query.answers.plane_fits import plane_fits
+from query.answers.images.beams import Beam, beam_of
+from query.answers.images.local_fits import Joined, join_windows, largest, least, shares_of
+from query.answers.images.pictures import DetectorImage
+from query.answers.images.plane_fits import plane_fits
 from raymap.model.doubt import FOOTNOTE, is_doubtful, with_doubts, with_error
 from raymap.model.errors import RayMapError
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from query.answers.selector import bind_all
+from query.answers.selections.selector import bind_all
 from query.engine.bound import evaluate
 from query.engine.context import PathContext
 from raymap.encoding.paths import PathDictionary

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from query.answers.emissions import Relation, emissions_of, relation
-from query.answers.paired import PairedErrors, Side, paired_errors
-from query.answers.tables import PathRow, PathTable, path_table
+from query.answers.paths.tables import PathRow, PathTable, path_table
+from query.answers.reports.emissions import Relation, emissions_of, relation
+from query.answers.reports.paired import PairedErrors, Side, paired_errors
 from query.engine.scan import Cancel
 from query.engine.second_try import asked_again
 from query.engine.tally import estimate, source_factors

@@ -10,9 +10,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from query.answers.reasons import reason_for_nothing
-from query.answers.selection import Selection
-from query.answers.sharded import ShardRays, ShardTask, opened_shard, scan_shards, worth_spreading
+from query.answers.selections.reasons import reason_for_nothing
+from query.answers.selections.selection import Selection
+from query.answers.selections.sharded import (
+    ShardRays,
+    ShardTask,
+    opened_shard,
+    scan_shards,
+    worth_spreading,
+)
 from query.engine.bind import Binder
 from query.engine.bound import BoundNode
 from query.engine.logic import BoundEverything

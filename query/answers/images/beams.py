@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from query.answers.local_fits import Joined, join_windows, largest, shares_of
-from query.answers.pictures import DetectorImage
-from query.answers.sphere_fits import harmonics_shown, sphere_fits
+from query.answers.images.local_fits import Joined, join_windows, largest, shares_of
+from query.answers.images.pictures import DetectorImage
+from query.answers.images.sphere_fits import harmonics_shown, sphere_fits
 from raymap.model.errors import RayMapError
 
 __all__ = ["Beam", "BeamPlane", "beam_of", "full_angle"]

@@ -10,8 +10,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from query.answers.binning import fitting_blocks
-from query.answers.png import png_bytes, upright
+from query.answers.images.binning import fitting_blocks
+from query.answers.images.png import png_bytes, upright
 from raymap.model.directory import ChannelSet, Detector
 from raymap.model.errors import RayMapError
 from raymap.optics.cells import CellMeasure, cell_measure

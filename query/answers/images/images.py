@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from query.answers.binning import block_sums, coarser
-from query.answers.peaks import codes_at, registrations
-from query.answers.pictures import DetectorImage
-from query.answers.selector import bind_all
+from query.answers.images.binning import block_sums, coarser
+from query.answers.images.pictures import DetectorImage
+from query.answers.paths.peaks import codes_at, registrations
+from query.answers.selections.selector import bind_all
 from query.engine.bound import BoundNode
 from query.engine.scan import Cancel, Progress, Scan
 from query.engine.search import Found

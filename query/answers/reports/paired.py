@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from query.answers.emissions import seeds_by_portion
 from query.answers.path_keys import Keys, path_keys
-from query.answers.selector import bind_all
+from query.answers.reports.emissions import seeds_by_portion
+from query.answers.selections.selector import bind_all
 from query.engine.scan import Cancel, Scan
 from query.engine.search import Found
 from query.engine.tally import source_factors, sums
@@ -99,7 +99,7 @@ def paired_errors(
 
     Parameters
     ----------
-    sides : two maps of the same emissions (`query.answers.emissions.relation`)
+    sides : two maps of the same emissions (`query.answers.reports.emissions.relation`)
     row_sources : (n_rows,) source of each row
 
     Returns

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from query.answers.path_sums import LabelSums, PathLabels, sum_over_paths
+from query.answers.paths.path_sums import LabelSums, PathLabels, sum_over_paths
 from query.atoms.count import count
 from query.atoms.detected import detected
 from query.atoms.event import event

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from query.answers.beams import beam_of
-from query.answers.pictures import DetectorImage
+from query.answers.images.beams import beam_of
+from query.answers.images.pictures import DetectorImage
 from raymap.model.errors import RayMapError
 
 __all__ = ["ies_text", "write_ies"]
@@ -31,8 +31,8 @@ def write_ies(image: DetectorImage, path: Path) -> None:
 def ies_text(image: DetectorImage, *, issued: date | None = None) -> str:
     """An IES LM-63-2002 file of a far field.
 
-    The intensities are those of `query.answers.beams`, at the corners of cells: what charts draw.
-    The luminaire is a point, the lumens are those of its intensities.
+    The intensities are those of `query.answers.images.beams`, at the corners of cells: what charts
+    draw. The luminaire is a point, the lumens are those of its intensities.
 
     Raises
     ------

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from query.answers.selector import bind_all
+from query.answers.selections.selector import bind_all
 from query.engine.context import PathContext
 from query.engine.scan import Cancel, Progress, Scan
 from query.engine.search import Found

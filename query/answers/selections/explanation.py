@@ -6,7 +6,7 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from query.answers.reasons import reason_for_nothing
+from query.answers.selections.reasons import reason_for_nothing
 from query.engine.bind import Binder
 from query.engine.bound import BoundNode
 from query.engine.logic import BoundEverything

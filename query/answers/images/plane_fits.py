@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from query.answers.local_fits import Fit
+from query.answers.images.local_fits import Fit
 
 __all__ = ["plane_fits"]
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from query.answers.selector import select
+from query.answers.selections.selector import select
 from query.atoms.detected import detected
 from query.engine.scan import Cancel
 from query.engine.tally import source_factors, variances

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from query.answers.path_sums import PathLabels, sum_over_paths
+from query.answers.paths.path_sums import PathLabels, sum_over_paths
 from query.engine.context import PathContext
 from query.engine.scan import Cancel
 from query.engine.tally import Tally, source_factors, variances

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from query.answers.narrow import narrow
+from query.answers.images.narrow import narrow
 from query.expression.names import FaceNames, ObjectMatch, match_objects
 from raymap import rayfiles
 from raymap.model.directory import ChannelSet
@@ -23,7 +23,7 @@ from raymap.optics.photometry import Photometry, channel_xyz, colors_of_codes
 from raymap.rayfiles import RaySet
 
 if TYPE_CHECKING:
-    from query.answers.selection import Selection
+    from query.answers.selections.selection import Selection
     from raymap.file.reader import RayMap
 
 __all__ = ["Coloring", "Meetings", "rays_at", "write_ray_file"]

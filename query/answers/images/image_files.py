@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from query.answers.ies_file import write_ies
-from query.answers.narrow import narrow
-from query.answers.pictures import DetectorImage
-from query.answers.png import png_bytes, upright
+from query.answers.images.ies_file import write_ies
+from query.answers.images.narrow import narrow
+from query.answers.images.pictures import DetectorImage
+from query.answers.images.png import png_bytes, upright
 from raymap.model.errors import RayMapError
 from raymap.model.extras import require
 from raymap.model.replacing import check_place, replacing

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from query.answers import output
+from query.answers.selections import output
 from query.engine.bound import BoundNode
 from query.engine.scan import Scan
 from query.engine.scans import number_rays

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from query.answers.path_keys import Keys, Part, group, path_keys
-from query.answers.peaks import find_peaks
-from query.answers.selector import bind_all
-from query.answers.sharded import (
+from query.answers.paths.peaks import find_peaks
+from query.answers.selections.selector import bind_all
+from query.answers.selections.sharded import (
     ShardPaths,
     ShardTask,
     opened_shard,

@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from query.answers.local_fits import Fit
+from query.answers.images.local_fits import Fit
 
 __all__ = ["harmonics_shown", "sphere_fits"]
 

@@ -1,0 +1,1 @@
+"""What detectors saw: pictures, files of them, and what is read off a distribution."""

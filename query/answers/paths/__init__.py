@@ -1,0 +1,1 @@
+"""Which paths the light takes: tables, ghosts, the brightest cells by path."""

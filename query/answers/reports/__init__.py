@@ -1,0 +1,1 @@
+"""One ray, one place, one scene: reports, audits, sweeps, comparisons."""

@@ -1,0 +1,1 @@
+"""Rays that satisfy a criterion: searched, kept, written, explained."""
