@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from raymap.model.errors import RayMapError
-from service.access import Caller
+from service.callers.access import Caller
+from service.callers.rights import NEEDS, NotAllowed
 from service.limits import Busy, OutOfTime
 from service.metrics import Metrics
-from service.rights import NEEDS, NotAllowed
 
 __all__ = ["Calls"]
 

@@ -79,12 +79,12 @@ def serve(
 ) -> None:
     """Serve a folder to other programs over Arrow Flight: load, record, ask, look."""
     from raymap.model.errors import RayMapError
-    from service.access import Tls, choose_token
+    from service.callers.access import Tls, choose_token
+    from service.callers.tokens import TokenFile
     from service.limits import Limits
     from service.metrics import MetricsServer
     from service.server import RaymapService
     from service.server import serve as run
-    from service.tokens import TokenFile
 
     if (tls_certificate is None) != (tls_key is None):
         raise RayMapError("TLS takes both --tls-certificate and --tls-key")
@@ -158,8 +158,8 @@ def add_token(
     """Make a token and print it, this once: only its digest is kept."""
     import time
 
-    from service.rights import read_rights
-    from service.tokens import TokenFile, default_token_file
+    from service.callers.rights import read_rights
+    from service.callers.tokens import TokenFile, default_token_file
 
     file = TokenFile(tokens or default_token_file())
     expires = None if days is None else time.time() + 86400 * days
@@ -173,7 +173,7 @@ def list_tokens(tokens: TokensFile = None, json: Json = False) -> None:
     """List names, rights, maps and times of the tokens."""
     import time
 
-    from service.tokens import TokenFile, default_token_file
+    from service.callers.tokens import TokenFile, default_token_file
 
     rows = TokenFile(tokens or default_token_file()).rows()
     if json:
@@ -192,7 +192,7 @@ def remove_token(
     name: Annotated[str, typer.Argument(help="Of the token.")], tokens: TokensFile = None
 ) -> None:
     """Withdraw a token; running services refuse it at once."""
-    from service.tokens import TokenFile, default_token_file
+    from service.callers.tokens import TokenFile, default_token_file
 
     file = TokenFile(tokens or default_token_file())
     file.remove(name)

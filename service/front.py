@@ -22,7 +22,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from raymap.model.errors import RayMapError
-from service.access import Tls
+from service.callers.access import Tls
 from service.limits import Limits
 
 __all__ = ["Front", "Refused", "Sieve", "Streams", "is_possible"]

@@ -19,23 +19,23 @@ import pyarrow.flight as flight
 import raymap
 from raymap.model.errors import RayMapError
 from raymap.remote.protocol import PROTOCOL, encode_error
-from service.access import Caller, Tls, TokenCheck, is_local
-from service.applications import Applications
+from service.answers.applications import Applications
+from service.answers.questions import Questions
+from service.answers.recording import Recorder
+from service.answers.requests import BadRequest, Request
+from service.answers.streams import STREAMS, Answer, Streams
+from service.answers.uploads import take_file
+from service.callers.access import Caller, Tls, TokenCheck, is_local
+from service.callers.rights import Grant, NotAllowed
+from service.callers.tokens import TokenFile
 from service.calls import Calls
-from service.confine import ServedFolder
-from service.disk import Disk
+from service.files.confine import ServedFolder
+from service.files.disk import Disk
+from service.files.library import Library
 from service.front import Front, is_possible
-from service.library import Library
 from service.limits import Busy, Gate, Limits, OutOfTime, Shares
 from service.metrics import Metrics
-from service.questions import Questions
-from service.recording import Recorder
-from service.requests import BadRequest, Request
-from service.rights import Grant, NotAllowed
-from service.streams import STREAMS, Answer, Streams
-from service.tokens import TokenFile
-from service.uploads import take_file
-from service.workers import Workers
+from service.processes.workers import Workers
 
 __all__ = ["RaymapService", "serve"]
 

@@ -33,9 +33,9 @@ import raymap
 from raymap.model.errors import RayMapError
 from raymap.remote.client import Service
 from service import Limits, RaymapService
-from service.rights import RIGHTS
+from service.callers.rights import RIGHTS
+from service.callers.tokens import TokenFile
 from service.server import serve
-from service.tokens import TokenFile
 from tests.scenes import MIRROR_BALL
 from tests.service import http2
 from tests.service.test_scene_files import CUBE, KEYS, SUFFIX

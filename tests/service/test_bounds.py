@@ -16,12 +16,12 @@ import pytest
 import raymap
 from raymap.model.errors import RayMapError
 from service import Limits
-from service.confine import OutsideFolder, ServedFolder
-from service.disk import LEDGER, Disk
+from service.answers.results import check_done, check_progress, check_scene, read_png
+from service.files.confine import OutsideFolder, ServedFolder
+from service.files.disk import LEDGER, Disk
 from service.front import Frames, Refused, Sieve, Streams, Total
 from service.limits import Busy, OutOfTime, Shares
-from service.results import check_done, check_progress, check_scene, read_png
-from service.workers import Bounds, Workers
+from service.processes.workers import Bounds, Workers
 from tests.service import http2
 from tests.service.conftest import TOKEN, Starter
 from tests.service.hostile import write_large_map

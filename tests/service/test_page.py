@@ -8,8 +8,8 @@ from pathlib import Path
 from raymap.remote.client import Service
 from raymap.remote.protocol import PROTOCOL
 from service import Limits
+from service.answers.streams import _LINES, _PATHS, STREAMS
 from service.server import ACTIONS
-from service.streams import _LINES, _PATHS, STREAMS
 
 PAGE = (Path(__file__).parents[2] / "docs" / "service.md").read_text(encoding="utf-8")
 

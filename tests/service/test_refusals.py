@@ -19,9 +19,9 @@ import raymap
 from raymap.model.errors import CriterionError, NotARayMap, RayMapError, SceneError
 from raymap.remote.client import Service
 from service import Limits, RaymapService
-from service.access import Tls, choose_token
-from service.confine import OutsideFolder, ServedFolder
-from service.disk import LEDGER
+from service.callers.access import Tls, choose_token
+from service.files.confine import OutsideFolder, ServedFolder
+from service.files.disk import LEDGER
 from tests.service.conftest import TOKEN, Starter
 
 

@@ -19,8 +19,8 @@ from pydantic import BaseModel
 
 import tracer
 from raymap.model.errors import RayMapError, SceneError
-from service.confine import OutsideFolder, ServedFolder
-from service.mirror import SceneMirror
+from service.files.confine import OutsideFolder, ServedFolder
+from service.files.mirror import SceneMirror
 from tests.scenes import MIRROR_BALL
 from tracer.description.named_files import named_file, reading_through
 from tracer.scene.compile import compile_scene
@@ -224,8 +224,8 @@ def test_pipes_and_sizes(place: Path) -> None:
 NAMES = {
     "aim", "angle_weights", "between", "bodies", "cemented", "color", "contacts", "crystal",
     "detectors", "digest", "face", "face_colors", "faces", "folder", "glass", "glasses",
-    "illuminant", "inside", "kind", "leave_out", "left_out", "media", "medium", "name", "origin",
-    "part", "path", "polarisers", "rim", "simulation", "sources", "specular", "surface",
+    "illuminant", "inside", "kind", "law", "leave_out", "left_out", "media", "medium", "name",
+    "origin", "part", "path", "polarisers", "rim", "simulation", "sources", "specular", "surface",
     "surfaces", "text", "title", "use", "variants", "walls",
 }  # fmt: skip
 """Keys of text that name things of the scene, or that no scene file can set."""
@@ -265,10 +265,10 @@ def test_a_reader_that_forgets_to_ask(place: Path) -> None:
     code = """
 import sys, pathlib
 sys.path[:] = eval(sys.argv[2])
-from service.bounds import read_only_from
-from service.confine import OutsideFolder
-from service.mirror import SceneMirror
-from service.confine import ServedFolder
+from service.files.bounds import read_only_from
+from service.files.confine import OutsideFolder
+from service.files.mirror import SceneMirror
+from service.files.confine import ServedFolder
 served = pathlib.Path(sys.argv[1]) / "served"
 private = pathlib.Path(sys.argv[1]) / "own"
 private.mkdir()

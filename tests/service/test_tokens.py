@@ -18,10 +18,10 @@ import pytest
 
 import raymap
 from raymap.model.errors import RayMapError
-from service.rights import ANY, NEEDS, RIGHTS, read_rights
+from service.answers.streams import STREAMS
+from service.callers.rights import ANY, NEEDS, RIGHTS, read_rights
+from service.callers.tokens import TokenFile
 from service.server import ACTIONS
-from service.streams import STREAMS
-from service.tokens import TokenFile
 from tests.scenes import MIRROR_BALL
 from tests.service.conftest import TOKEN, Starter
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from raymap.file.opening import open as open_map
 from raymap.model.errors import NotARayMap
-from service.confine import OutsideFolder, ServedFolder
+from service.files.confine import OutsideFolder, ServedFolder
 
 if TYPE_CHECKING:
     from raymap.file.reader import RayMap

@@ -1,7 +1,8 @@
 """A process that does one job for the service: reads a scene, records, or paints; then it ends.
 
-`service.workers` starts it by its path, isolated from the environment (``python -I worker.py``). It
-takes one job from its standard input and tells what becomes of it, as lines of JSON.
+`service.processes.workers` starts it by its path, isolated from the environment
+(``python -I worker.py``). It takes one job from its standard input and tells what becomes of it, as
+lines of JSON.
 """
 
 from __future__ import annotations
@@ -70,7 +71,7 @@ def main(kind: str) -> None:
         import_module(module)
     from raymap.model.errors import RayMapError
     from raymap.remote.protocol import encode_error
-    from service.jobs import JOBS
+    from service.processes.jobs import JOBS
 
     job = wire.job()
     try:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from raymap.model.errors import SceneError
-from service.confine import ServedFolder
-from service.requests import BadRequest, Request
+from service.answers.requests import BadRequest, Request
+from service.files.confine import ServedFolder
 
 __all__ = ["SceneRequest"]
 

@@ -16,8 +16,8 @@ import pyarrow.flight as flight
 from raymap.model.errors import RayMapError
 from raymap.model.givenfile import given_bytes, given_text
 from raymap.remote.protocol import TOKEN_HEADER, TOKEN_VARIABLE, encode_error
-from service.rights import EVERYTHING, Grant
-from service.tokens import TokenFile, digest_of
+from service.callers.rights import EVERYTHING, Grant
+from service.callers.tokens import TokenFile, digest_of
 
 __all__ = ["Caller", "NoAccess", "Tls", "TokenCheck", "choose_token", "is_local"]
 

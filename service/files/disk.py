@@ -18,7 +18,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from raymap.model.errors import RayMapError
-from service.confine import OutsideFolder, ServedFolder
+from service.files.confine import OutsideFolder, ServedFolder
 from service.limits import Limits
 
 __all__ = ["LEDGER", "Disk"]

@@ -12,8 +12,8 @@ import shutil
 from pathlib import Path
 
 from raymap.model.errors import SceneError
-from service.bounds import permitted
-from service.confine import OutsideFolder, ServedFolder
+from service.files.bounds import permitted
+from service.files.confine import OutsideFolder, ServedFolder
 
 __all__ = ["SceneMirror"]
 

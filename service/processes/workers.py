@@ -1,7 +1,7 @@
 """Worker processes: what may hang, grow or crash does so elsewhere, and is ended as a group.
 
-Each process does one job (`service.worker`). A spare one is kept, so that its start costs a
-client little. A watch looks at its time, its memory and its client; on systems without
+Each process does one job (`service.processes.worker`). A spare one is kept, so that its start costs
+a client little. A watch looks at its time, its memory and its client; on systems without
 ``/proc`` memory is bounded by the process itself alone, where the system can do that.
 """
 
@@ -27,7 +27,7 @@ from raymap.model import errors
 from raymap.model.errors import RayMapError
 from raymap.remote.protocol import TOKEN_VARIABLE
 from raymap.rooms import trusted_path
-from service.confine import OutsideFolder
+from service.files.confine import OutsideFolder
 from service.limits import OutOfTime
 
 __all__ = ["Bounds", "Workers"]

@@ -22,7 +22,7 @@ from raymap.bytes.locking import try_lock
 from raymap.model.errors import RayMapError
 from raymap.model.givenfile import check_given, not_readable
 from raymap.model.replacing import check_place, replacing
-from service.rights import Grant, read_rights
+from service.callers.rights import Grant, read_rights
 
 __all__ = ["TokenFile", "default_token_file", "digest_of"]
 

@@ -9,13 +9,13 @@ from typing import Any
 
 from raymap.file.shards import SUFFIX
 from raymap.model.errors import RayMapError
-from service.confine import ServedFolder
-from service.disk import Disk
+from service.answers.requests import BadRequest, Request
+from service.answers.results import check_done, check_progress
+from service.answers.scenes import SceneRequest
+from service.files.confine import ServedFolder
+from service.files.disk import Disk
 from service.limits import Gate
-from service.requests import BadRequest, Request
-from service.results import check_done, check_progress
-from service.scenes import SceneRequest
-from service.workers import Bounds, Workers
+from service.processes.workers import Bounds, Workers
 
 __all__ = ["Recorder"]
 

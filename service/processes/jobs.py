@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from raymap.model.errors import RayMapError
-from service.bounds import limit_process, permitted, read_only_from
-from service.confine import OutsideFolder, ServedFolder
-from service.library import check_inside
-from service.mirror import SceneMirror
-from service.naming import names_of
+from service.files.bounds import limit_process, permitted, read_only_from
+from service.files.confine import OutsideFolder, ServedFolder
+from service.files.library import check_inside
+from service.files.mirror import SceneMirror
+from service.files.naming import names_of
 
 __all__ = ["JOBS"]
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from raymap.model.errors import RayMapError
-from service.confine import ServedFolder
+from service.files.confine import ServedFolder
 
 __all__ = ["ANY", "EVERYTHING", "NEEDS", "RIGHTS", "Grant", "NotAllowed", "read_rights"]
 

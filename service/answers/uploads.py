@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from raymap.model.errors import MapExists, RayMapError
-from service.confine import OutsideFolder, ServedFolder
-from service.disk import Disk
-from service.requests import BadRequest, Request
+from service.answers.requests import BadRequest, Request
+from service.files.confine import OutsideFolder, ServedFolder
+from service.files.disk import Disk
 
 __all__ = ["KINDS", "take_file"]
 

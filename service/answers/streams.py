@@ -16,11 +16,11 @@ from raymap.model.directory import ChannelSet
 from raymap.model.errors import RayMapError
 from raymap.optics.colorimetry import encode_srgb
 from raymap.optics.photometry import colors_of_codes, displayed
-from service.library import Library
+from service.answers.requests import Request
+from service.answers.results import read_png
+from service.files.library import Library
 from service.limits import Deadline, Gate
-from service.requests import Request
-from service.results import read_png
-from service.workers import Bounds, Workers
+from service.processes.workers import Bounds, Workers
 
 __all__ = ["STREAMS", "Answer", "Streams"]
 

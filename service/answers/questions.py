@@ -7,14 +7,14 @@ from collections.abc import Callable
 from typing import Any
 
 from raymap.file.shards import SUFFIX
-from service.confine import ServedFolder
-from service.library import Library
+from service.answers.requests import BadRequest, Request
+from service.answers.results import check_scene
+from service.answers.scenes import SceneRequest
+from service.files.confine import ServedFolder
+from service.files.library import Library
+from service.files.naming import names_of
 from service.limits import Deadline, Gate
-from service.naming import names_of
-from service.requests import BadRequest, Request
-from service.results import check_scene
-from service.scenes import SceneRequest
-from service.workers import Bounds, Workers
+from service.processes.workers import Bounds, Workers
 
 __all__ = ["Questions"]
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from raymap.model.errors import RayMapError
-from service.library import Library
+from service.answers.requests import BadRequest, Request
+from service.files.library import Library
 from service.limits import Limits
-from service.requests import BadRequest, Request
 
 if TYPE_CHECKING:
     from raymap.file.reader import RayMap

@@ -14,7 +14,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from service.confine import OutsideFolder
+from service.files.confine import OutsideFolder
 
 __all__ = ["limit_process", "permitted", "read_only_from"]
 
@@ -59,7 +59,7 @@ def limit_process(*, cpu_seconds: float, memory_bytes: int, file_bytes: int) -> 
 def read_only_from(root: Path, places: Sequence[Path]) -> None:
     """From now on Python opens nothing of the served folder, or elsewhere, that was not asked for.
 
-    The door of the scene's files is the only way to them (`service.mirror`); this holds for a
+    The door of the scene's files is the only way to them (`service.files.mirror`); this holds for a
     reader that forgot to ask it. It cannot be undone in this process.
 
     Parameters

@@ -1,0 +1,1 @@
+"""Who asks: tokens, rights, how a call is let in."""

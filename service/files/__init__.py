@@ -1,0 +1,1 @@
+"""The served folder: confined, mirrored, bounded, with room on its disk."""
