@@ -18,6 +18,7 @@ from raymap.model.errors import SceneError
 from raymap.model.givenfile import check_given
 from tracer.description.named_files import is_guarded
 from tracer.importers.cad_formats.occt import occt
+from tracer.importers.cad_formats.step_text import check_step_text
 from tracer.importers.cad_solid import CadFace, CadSolid
 from tracer.importers.prescription import ImportWarning
 
@@ -54,22 +55,23 @@ def read_step(path: str | Path) -> tuple[CadSolid, ...]:
     if status.st_size > LARGEST_BYTES:
         raise SceneError(f"{path.name}: is too large to read ({status.st_size:,} bytes)")
     if is_guarded():
-        _refuse_references(path)
+        _refuse_references(path.name, path.read_bytes())
     return _read(str(path.resolve()), status.st_mtime_ns, status.st_size)
 
 
-def _refuse_references(path: Path) -> None:
+def _refuse_references(origin: str, content: bytes) -> None:
     """Refuse a file that names others, which OpenCASCADE opens by itself, wherever they lie."""
-    content = path.read_bytes().upper()
+    content = content.upper()
     if any(word in content for word in _REFERENCES):
         raise SceneError(
-            f"{path.name}: names other files, which are not followed here; export one STEP file "
+            f"{origin}: names other files, which are not followed here; export one STEP file "
             "that holds all parts"
         )
 
 
 @lru_cache(maxsize=16)
 def _read(path: str, modified: int, size: int) -> tuple[CadSolid, ...]:
+    check_step_text(Path(path).name, Path(path).read_bytes())
     return _StepFile(Path(path)).solids()
 
 
