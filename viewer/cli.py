@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from raymap.cli.options import Json, MapPath, Panel, Strict, emit_json, opened_map
+from raymap.cli.options import (
+    Json,
+    MapPath,
+    Panel,
+    Strict,
+    emit_json,
+    opened_map,
+    warnings_on_stderr,
+)
 
 if TYPE_CHECKING:
     from raymap.file.reader import RayMap
@@ -83,7 +91,7 @@ def picture(
             section=parse_section(section),
         )
     text = criterion if criterion is not None else state.criterion
-    with opened_map(map, strict) as ray_map:
+    with opened_map(map, strict) as ray_map, warnings_on_stderr():
         _check_names(ray_map, state.hidden)
         pixels = paint(
             ray_map,

@@ -61,7 +61,10 @@ def print_selection(selection: Selection, show_rays: bool) -> None:
 
 
 def print_paths(table: PathTable, top: int | None) -> None:
-    """The path table, strongest first."""
+    """The path table, strongest first; a sentence where no ray is in it."""
+    if not any(row.rays for row in table.rows(top)):
+        _console().print("no paths: no ray of the map satisfies what was asked")
+        return
     unit = table.map.directory.flux_unit
     view = Table(title=f"{table.n_paths:,} paths by {table.by}, {table.total:.6g} {unit}")
     view.add_column("#", justify="right")
@@ -132,7 +135,8 @@ def print_rows(
     """
     apart: list[dict[str, float]] = errors or [{} for _ in rows]
     view = Table(title=Text(title))
-    names = list(rows[0]) if rows else []
+    # What is doubtful is marked in its place
+    names = [name for name in (rows[0] if rows else []) if name != "doubtful"]
     for name in names:
         numeric = isinstance(rows[0][name], int | float)
         justify: Any = "right" if numeric else "left"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from difflib import get_close_matches
 from functools import lru_cache
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
@@ -234,7 +235,9 @@ class _Builder:
             raise self.fail("expected a number, for example 2 or 550 nm", node)
         unit = str(node.children[1].children[0]) if len(node.children) > 1 else ""
         if unit and unit not in self.units:
-            raise self.fail(f"unknown unit {unit!r}; units are {unit_words()}", node)
+            near = get_close_matches(unit, self.units, n=1, cutoff=0.5)
+            hint = f"nearest: {near[0]}; " if near else ""
+            raise self.fail(f"unknown unit {unit!r}; {hint}units are {unit_words()}", node)
         value = float(node.children[0])
         if value in (float("inf"), float("-inf")):
             raise self.fail("the number is too large", node)

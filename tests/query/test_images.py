@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import query
+import raymap
 from raymap import RayMapError
 from tests.naive.rays import rays_of
 from tests.query.by_hand import flux_of, matching
@@ -133,3 +134,39 @@ def read_csv(path: Path) -> dict[str, Any]:
     names, *rows = path.read_text(encoding="utf-8").splitlines()
     columns = np.array([[float(cell) for cell in row.split(",")] for row in rows]).T
     return dict(zip(names.split(","), columns, strict=True))
+
+
+def test_light_of_other_channels_is_not_summed(tmp_path: Path) -> None:
+    """R, G, B and three wavelengths are as many channels, and different light."""
+    from tracer import parse_scene, record
+
+    text = """
+length_unit = "mm"
+[spectrum]
+kind = "KIND"
+[sources.s]
+kind = "collimated"
+diameter = 1
+[detectors.d]
+position = [0, 0, 5]
+looks = [0, 0, -1]
+size = [2, 2]
+cells = [2, 2]
+"""
+    rgb = parse_scene(text.replace("KIND", "rgb"))
+    lines = parse_scene(text.replace('"KIND"', '"spectral"\nwavelengths_nm = [450, 550, 650]'))
+    for no_rays in (False, True):
+        path = tmp_path / f"{no_rays}.raymap"
+        record(rgb, path, rays=100, no_rays=no_rays)
+        with raymap.open(path) as alone:
+            assert query.detector_image(alone, "d").flux.sum() == pytest.approx(1.0)
+        try:
+            record(lines, path, rays=100, append=True, no_rays=no_rays)
+        except RayMapError:
+            assert no_rays
+            continue
+        with (
+            raymap.open(path) as both,
+            pytest.raises(RayMapError, match=r"different channels \(R, G, B and 450, 550, 650 nm"),
+        ):
+            query.detector_image(both, "d")

@@ -7,7 +7,8 @@ import pytest
 
 import raymap
 from raymap.model.events import ENDINGS, FAMILIES
-from viewer.drawn.colors import color_lines, optical_length
+from viewer.drawn.colors import _by_category, _by_count, color_lines, optical_length
+from viewer.drawn.falsecolor import PALETTE
 from viewer.drawn.gather import read_rays
 from viewer.drawn.lines import build_lines
 from viewer.drawn.rays import DrawnRays, no_rays
@@ -107,3 +108,24 @@ def test_optical_lengths_are_summed_without_the_way_out(rays: DrawnRays) -> None
             for k in range(first, stop)
         )
         assert found[ray] == pytest.approx(total, rel=1e-6)
+
+
+def test_many_numbers_of_reflections_never_share_a_colour() -> None:
+    """Palettes end: with more numbers than colours a scale takes their place."""
+    for most in (11, 12, 20, 300):
+        values = np.repeat(np.arange(most + 1), 2)
+        colors, legend = _by_count(values, "reflections")
+        shown = {entry.label: entry.rgb for entry in legend.entries}
+        assert len(set(shown.values())) == len(shown)
+        of = {number: tuple(colors[2 * number].tolist()) for number in range(most + 1)}
+        for number, rgb in of.items():
+            label = str(number) if most < 12 or number < 20 else "20 and more"
+            assert shown[label] == rgb
+
+
+def test_categories_beyond_the_palette_are_said_to_be_others() -> None:
+    values = np.repeat(np.arange(30), np.arange(30, 0, -1))
+    colors, legend = _by_category(values, {}, "path")
+    assert legend.entries[-1].label == "18 others"
+    assert len({entry.rgb for entry in legend.entries}) == len(PALETTE) + 1
+    assert {tuple(row) for row in colors[values >= 12].tolist()} == {legend.entries[-1].rgb}

@@ -23,6 +23,7 @@ from viewer.drawn.scene import load_bodies
 from viewer.drawn.state import Section, StateError
 from viewer.export.gltf import to_glb, to_vtp
 from viewer.paint.painter import Painter
+from viewer.paint.rendering import NothingDrawn
 
 KEPT = Path(__file__).parent.parent / "data" / "pictures"
 
@@ -58,9 +59,10 @@ def test_pictures_look_as_they_did(small_map: raymap.RayMap, name: str, tmp_path
         kept = np.asarray(image.convert("RGB"))
     assert distance(pixels, kept) < 1.0
     # and the measure tells a picture without rays apart
-    empty = picture(
-        small_map, 'source("star") & source("lamp")', size=(320, 200), legend=False, **arguments
-    )
+    with pytest.warns(NothingDrawn, match="no ray satisfies the criterion"):
+        empty = picture(
+            small_map, 'source("star") & source("lamp")', size=(320, 200), legend=False, **arguments
+        )
     assert distance(empty, kept) > 2.0
 
 

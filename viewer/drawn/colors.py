@@ -18,6 +18,12 @@ __all__ = ["Legend", "LegendEntry", "color_lines", "optical_length"]
 
 Rgb = NDArray[np.uint8]
 
+_GREY = (150, 150, 150)
+"""Of what no colour is left for."""
+
+_COUNTED = 20
+"""Numbers of reflections with a colour of their own."""
+
 _CURVE = encode_srgb(np.linspace(0, 1, 4096)).astype(np.float32)
 """The sRGB curve by 4096 steps: a look-up beats a power for a million segments."""
 
@@ -42,23 +48,44 @@ class Legend:
 def _by_category(
     values: NDArray[np.integer], labels: dict[int, str], title: str, *, counts_up: bool = False
 ) -> tuple[Rgb, Legend]:
-    """One palette colour per different value, the commonest first.
+    """One palette colour per different value, the commonest first; the rest shares a grey.
 
     ``counts_up`` lists the values of the legend in rising order.
     """
     different, inverse, counts = np.unique(values, return_inverse=True, return_counts=True)
     order = np.argsort(-counts, kind="stable")
-    rank = np.empty(len(order), np.int64)
-    rank[order] = np.arange(len(order))
-    colors = PALETTE[rank % len(PALETTE)]
-    listed = order[: len(PALETTE)]
+    listed, others = order[: len(PALETTE)], order[len(PALETTE) :]
+    colors = np.empty((len(different), 3), np.uint8)
+    colors[listed] = PALETTE[: len(listed)]
+    colors[others] = _GREY
     if counts_up:
         listed = np.sort(listed)
-    entries = tuple(
+    entries = [
         LegendEntry(label=labels.get(int(different[i]), str(different[i])), rgb=_rgb(colors[i]))
         for i in listed
+    ]
+    if len(others):
+        entries.append(LegendEntry(label=f"{len(others):,} others", rgb=_GREY))
+    return colors[inverse], Legend(title=title, entries=tuple(entries))
+
+
+def _by_count(values: NDArray[np.int64], title: str) -> tuple[Rgb, Legend]:
+    """Colours of numbers of events: of a palette while it has enough, else of a scale.
+
+    The scale has a step for each number up to the twelfth colour's, and one for all beyond: numbers
+    of reflections are mostly small, and a few rays of light guides have hundreds.
+    """
+    if len(np.unique(values)) <= len(PALETTE):
+        return _by_category(values, {}, title, counts_up=True)
+    low, steps = int(values.min()), _COUNTED
+    colors = apply_colormap(np.linspace(0.0, 1.0, steps + 1), "turbo")
+    places = np.minimum(values - low, steps)
+    named = [str(low + step) for step in range(steps)] + [f"{low + steps} and more"]
+    entries = tuple(
+        LegendEntry(label=label, rgb=_rgb(color))
+        for label, color in zip(named, colors, strict=True)
     )
-    return colors[inverse], Legend(title=title, entries=entries)
+    return colors[places], Legend(title=title, entries=entries)
 
 
 def _rgb(color: NDArray[np.integer]) -> tuple[int, int, int]:
@@ -138,7 +165,7 @@ def _per_ray(
         names = {number: source.name for number, source in enumerate(directory.sources)}
         return _by_category(rays.source, names, "source")
     if rule == "reflections":
-        return _by_category(_reflections(rays), {}, "reflections", counts_up=True)
+        return _by_count(_reflections(rays), "reflections")
     if rule == "ending":
         ending = rays.event[rays.offsets[1:] - 1] & int(ENDINGS)
         names = {

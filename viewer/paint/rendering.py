@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,9 +22,13 @@ from viewer.drawn.state import COLOR_RULES, Upward, ViewState
 if TYPE_CHECKING:
     from raymap.file.reader import RayMap
 
-__all__ = ["encode_jpeg", "encode_png", "picture", "write_beside"]
+__all__ = ["NothingDrawn", "encode_jpeg", "encode_png", "picture", "write_beside"]
 
 MAX_SIDE = 16_384
+
+
+class NothingDrawn(UserWarning):
+    """A picture has no rays, though its map has some."""
 
 
 def encode_png(pixels: NDArray[np.uint8], *, colors: int | None = None) -> bytes:
@@ -123,6 +128,12 @@ def picture(
     painter = Painter(load_bodies(map.directory, map.meshes), map.directory)
     drawing = draw_rays(map, criterion, rays, paths=paths)
     shown = painter.show(base, drawing.rays, drawing.labels)
+    if map.rays and not drawing.rays.n_rays:
+        warnings.warn(
+            "no ray satisfies the criterion: the picture shows the scene alone",
+            NothingDrawn,
+            stacklevel=2,
+        )
     camera = base.camera
     if camera is None:
         camera = painter.standard(

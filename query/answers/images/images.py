@@ -277,16 +277,35 @@ def _detector_index(map: RayMap, name: str) -> int:
     return names.index(name)
 
 
-def _shape(map: RayMap, detector: Detector, n_layers: int) -> tuple[int, int, int]:
-    used = {portion.channel_set for portion in map.portions} or {0}
-    sizes = {map.channel_sets[number].n_channels for number in used if map.channel_sets}
-    if len(sizes) > 1:
-        raise RayMapError(
-            "portions of this map have different channels; ask for one part of it at a time, "
-            "for example of the file that was recorded in RGB"
+def _channels(map: RayMap) -> int:
+    """Number of the channels that all light of a map has.
+
+    Raises
+    ------
+    RayMapError
+        Portions have other channels, even if as many: R is no light of 450 nm.
+    """
+    used = {portion.channel_set for portion in map.portions} or set(range(len(map.channel_sets)))
+    found = {
+        (chosen.kind, chosen.wavelengths_nm)
+        for number, chosen in enumerate(map.channel_sets)
+        if number in used
+    }
+    if len(found) > 1:
+        said = " and ".join(
+            "R, G, B" if kind == "rgb" else f"{', '.join(f'{nm:g}' for nm in wavelengths)} nm"
+            for kind, wavelengths in sorted(found)
         )
+        raise RayMapError(
+            f"portions of this map have different channels ({said}), of which no picture can be "
+            "summed; record them as maps of their own"
+        )
+    return len(found.pop()[1]) if found else 1
+
+
+def _shape(map: RayMap, detector: Detector, n_layers: int) -> tuple[int, int, int]:
     width, height = detector.cells
-    shape = height, width, sizes.pop() if sizes else 1
+    shape = height, width, _channels(map)
     if height * width * shape[2] * n_layers > _MAX_VALUES:
         raise RayMapError(
             f"{n_layers} pictures of {width} x {height} cells and {shape[2]} channels do not fit "

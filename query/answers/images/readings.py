@@ -110,6 +110,8 @@ def reading_lines(numbers: dict[str, Any]) -> list[str]:
         marked.append(is_doubtful(where[name], where[f"{name}_se"]))
         return with_error(where[name], where[f"{name}_se"], after)
 
+    if numbers["flux"] == 0.0 and numbers["peak"] == 0.0:
+        return ["no light: none of the selected rays is registered here"]
     lines = [f"peak {said('peak', numbers)} {unit}"]
     if numbers["registrations"]:
         flux = said("flux", numbers, f" {numbers['flux_unit']}")
