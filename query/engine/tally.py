@@ -1,14 +1,12 @@
-"""Flux of sets of rays from unnormalised sums, with its standard error.
+"""Unnormalised sums of sets of rays, and their flux (`raymap.optics.fluxes`).
 
-Flux = sum over sources of flux_s / N_s * Σw, where N_s rays were emitted by source s in the
-portions served; standard error² = sum over sources of (flux_s / N_s)² [Σw² - (Σw)² / N_s]. Where
-one emission becomes several rays w is summed per emission first.
+The rays that count as emitted are those of the portions served. Where one emission becomes several
+rays, weights are summed per emission before they are squared.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +14,7 @@ from numpy.typing import NDArray
 from raymap.model.directory import Directory
 from raymap.model.errors import RayMapError
 from raymap.model.rows import squares_by_emission
+from raymap.optics.fluxes import flux_per_ray, variances
 
 __all__ = [
     "Estimate",
@@ -23,7 +22,6 @@ __all__ = [
     "estimate",
     "source_factors",
     "sums",
-    "variances",
 ]
 
 Ints = NDArray[np.integer]
@@ -129,16 +127,7 @@ def source_factors(directory: Directory, emitted: Ints) -> Floats:
             f"source {source.name!r} is said to emit {source.flux:g} {directory.flux_unit}, which "
             "no sum can hold: the file is damaged, or was made up"
         )
-    return np.divide(flux, emitted, out=np.zeros(len(flux)), where=emitted > 0)
-
-
-def variances(factors: Floats, emitted: NDArray[Any], sum_w: Floats, sum_w2: Floats) -> Floats:
-    """Squared standard errors of single-source sums."""
-    spread = sum_w2 - np.divide(
-        sum_w**2, emitted, out=np.zeros_like(sum_w, dtype=np.float64), where=emitted > 0
-    )
-    result: Floats = factors**2 * np.maximum(spread, 0.0)
-    return result
+    return flux_per_ray(flux, emitted)
 
 
 def estimate(tally: Tally, directory: Directory, emitted: Ints) -> Estimate:

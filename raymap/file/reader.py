@@ -58,6 +58,7 @@ from raymap.optics.photometry import Photometry
 if TYPE_CHECKING:
     from raymap.encoding.meetings import DetectorTable
     from raymap.encoding.shapes import ShapeTable
+    from raymap.laws.stored import Laws
 
 __all__ = ["Damage", "RayMap"]
 
@@ -233,6 +234,18 @@ class RayMap:
     def bytes_read(self) -> int:
         """Bytes fetched from the file so far."""
         return self.file.bytes_read
+
+    def laws(self, channel_set: int = 0) -> Laws | None:
+        """What surfaces and media do to light of a channel set; None if the map does not say.
+
+        Raises
+        ------
+        FormatError
+            What it says is not sound.
+        """
+        from raymap.laws.stored import laws_of
+
+        return laws_of(self.directory, self.channel_sets[channel_set])
 
     @cached_property
     def shapes(self) -> ShapeTable:

@@ -207,8 +207,10 @@ class RayMapWriter:
     def add_channel_set(self, channel_set: ChannelSet, *, again: bool = False) -> int:
         """Index of the channel set in the map; an equal one is not stored twice (but ``again``)."""
         with self._turn:
-            if channel_set in self._channel_sets and not again:
-                return self._channel_sets.index(channel_set)
+            for number, own in enumerate([] if again else self._channel_sets):
+                # A map of an earlier version says nothing of laws; that does not make others of it
+                if own in (channel_set, channel_set.model_copy(update={"laws": {}})):
+                    return number
             if len(self._channel_sets) >= MAX_CHANNEL_SETS:
                 raise LimitExceeded(
                     f"{self.path} has {MAX_CHANNEL_SETS} channel sets, more cannot be numbered: "

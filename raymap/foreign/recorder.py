@@ -283,7 +283,7 @@ def _channel_set(
 ) -> ChannelSet:
     nm = tuple(float(value) for value in wavelengths_nm or RGB_WAVELENGTHS_NM)
     n = len(nm)
-    media = {
+    media: dict[str, Any] = {
         "refractive_index": tuple((index,) * n for index in indices),
         "absorption": tuple((0.0,) * n for _ in indices),
         "source_colors": tuple((1.0 / n,) * n for _ in range(n_sources)),

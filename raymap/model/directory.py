@@ -173,6 +173,7 @@ class ChannelSet(Entry):
     refractive_index : (n_media, n_channels)
     absorption : (n_media, n_channels) [1 / length_unit]
     source_colors : (n_sources, n_channels), rows sum to 1
+    laws : what surfaces and media do to light (`raymap.laws.stored`)
     """
 
     kind: Literal["rgb", "spectral"]
@@ -182,6 +183,7 @@ class ChannelSet(Entry):
     refractive_index: Annotated[tuple[Numbers, ...], FailFast()] = ()
     absorption: Annotated[tuple[Numbers, ...], FailFast()] = ()
     source_colors: Annotated[tuple[Numbers, ...], FailFast()] = ()
+    laws: Parameters = {}
 
     @model_validator(mode="after")
     def _check(self) -> ChannelSet:

@@ -16,10 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
+from raymap.optics.fresnel import reflectance_column
 from tracer.scattering.medium import ScatteringMedium
 from tracer.scattering.plate_bsdf import plate_bsdf
 from tracer.scattering.plate_exact import ExactPlates
-from tracer.scattering.quadrature import fresnel_column
 from tracer.scattering.tilt import gaussian_tilt
 
 HERE = Path(__file__).parent
@@ -138,7 +138,7 @@ def write_reflections(material: str, random: np.random.Generator) -> None:
                 half = (to_light + to_eye) / np.linalg.norm(to_light + to_eye)
                 tilt = math.degrees(math.acos(min(1.0, half[2])))
                 density = np.interp(tilt, face.theta_deg, face.density, right=0.0)
-                fresnel = fresnel_column(1.0, INDEX, np.array([half @ to_light]))[0]
+                fresnel = reflectance_column(1.0, INDEX, np.array([half @ to_light]))[0]
                 surface = fresnel * density / (4.0 * to_light[2] * max(0.05, to_eye[2]))
                 value = noisy(volume[i, k] + surface, SCATTER_ERROR, random)
                 rows.append(["550", f"{incidence:g}", f"{theta[i]:g}", f"{phi[k]:g}", value])

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from raymap.model.events import Event
+from raymap.optics.fresnel import fresnel_reflectance
 from tests.tracer.engine.tracing import Trace, assert_share
-from tracer.optics.fresnel import fresnel_reflectance
 from tracer.optics.glasses import find_glass
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import load_scene

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from raymap.model.events import Event
+from raymap.optics.fresnel import fresnel_amplitudes, fresnel_reflectance, schlick_reflectance
+from raymap.optics.stacks import Layer, stack_shares
 from tests.tracer.engine.tracing import compiled, trace
 from tests.validation import Row, check
-from tracer.optics.coatings import Layer, stack_shares
 from tracer.optics.dispersion import abbe_number
-from tracer.optics.fresnel import fresnel_amplitudes, fresnel_reflectance, schlick_reflectance
 from tracer.optics.glasses import find_glass
 
 SAMPLES = Path(__file__).parents[2] / "samples"

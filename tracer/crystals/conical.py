@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from raymap.model.errors import SceneError
+from raymap.optics.frames import transverse_axes
 from tracer.crystals.media import Crystal
 
 __all__ = ["ConicalRays", "cone_opening", "conical_rays", "ring_of_plate"]
@@ -79,9 +80,8 @@ def conical_rays(
     n_y = float(np.sort(medium.principal_indices(wavelength_nm))[1])
 
     # Turn D through half a circle; its ray goes once around the ring
-    u = np.cross(k, [1.0, 0.0, 0.0] if abs(k[0]) < 0.7 else [0.0, 1.0, 0.0])
-    u /= np.linalg.norm(u)
-    v = np.cross(k, u)
+    x, u = transverse_axes(k, [1.0, 0.0, 0.0] if abs(k[0]) < 0.7 else [0.0, 1.0, 0.0])
+    v = -x
     azimuth = np.pi * (np.arange(count) + 0.5) / count
     d = np.cos(azimuth)[:, None] * u + np.sin(azimuth)[:, None] * v
     field = d @ np.linalg.inv(medium.tensor(wavelength_nm))

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 
 from raymap.jit.kernels import inner_kernel
+from raymap.optics.frames import frame_towards
 from tracer.crystals.modes import forward_modes, mirror_modes
 from tracer.crystals.rows import (
     AXIS,
@@ -32,30 +32,10 @@ def interface_frame(
 
     n = (nx, ny, nz) is the unit normal, p = N of the incident wave.
     """
-    # Project twice, so that x lies across the normal to rounding even near normal incidence
-    along = px * nx + py * ny + pz * nz
-    tx = px - along * nx
-    ty = py - along * ny
-    tz = pz - along * nz
-    along = tx * nx + ty * ny + tz * nz
-    tx -= along * nx
-    ty -= along * ny
-    tz -= along * nz
-    xi = math.sqrt(tx * tx + ty * ty + tz * tz)
-    if xi < 1e-14:
-        xi = 0.0
-        if abs(nx) < 0.6:
-            tx, ty, tz = 1.0 - nx * nx, -nx * ny, -nx * nz
-        else:
-            tx, ty, tz = -ny * nx, 1.0 - ny * ny, -ny * nz
-    size = math.sqrt(tx * tx + ty * ty + tz * tz)
-    tx /= size
-    ty /= size
-    tz /= size
+    sx, sy = (1.0, 0.0) if abs(nx) < 0.6 else (0.0, 1.0)
+    xi, tx, ty, tz, ux, uy, uz = frame_towards(nx, ny, nz, px, py, pz, sx, sy, 0.0)
     frame[0, 0], frame[0, 1], frame[0, 2] = tx, ty, tz
-    frame[1, 0] = ny * tz - nz * ty
-    frame[1, 1] = nz * tx - nx * tz
-    frame[1, 2] = nx * ty - ny * tx
+    frame[1, 0], frame[1, 1], frame[1, 2] = ux, uy, uz
     frame[2, 0], frame[2, 1], frame[2, 2] = nx, ny, nz
     return xi
 

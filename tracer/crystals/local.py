@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from raymap.model.errors import SceneError
+from raymap.optics.frames import transverse_axes
 from tracer.crystals.interface import WAVE, interface_batch
 from tracer.crystals.media import Crystal
 
@@ -71,12 +72,8 @@ def s_and_p(
     d = np.atleast_2d(np.asarray(direction, np.float64))
     n = np.broadcast_to(np.asarray(normal, np.float64), d.shape)
     n = np.where(np.einsum("...i,...i", d, n)[..., None] > 0.0, -n, n)
-    s = np.cross(d, n)
-    size = np.linalg.norm(s, axis=-1, keepdims=True)
-    other = np.cross(d, np.where(np.abs(d[..., :1]) < 0.9, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]))
-    s = np.where(size > 1e-12, s, other)
-    s = s / np.linalg.norm(s, axis=-1, keepdims=True)
-    return s, np.cross(d, s)
+    x, s = transverse_axes(d, n)
+    return s, -x
 
 
 def solve_interface(

@@ -24,6 +24,7 @@ from raymap.model.directory import (
 from raymap.model.errors import SceneError
 from raymap.model.portion import Descriptors, Portion
 from raymap.optics.colorimetry import channel_display_rgb, luminous_efficacy
+from raymap.optics.frames import transverse_axes
 from tracer.crystals.bodies import CrystalBody, compile_bodies
 from tracer.crystals.hulls import face_names, hull_mesh
 from tracer.crystals.media import Crystal, isotropic
@@ -84,8 +85,7 @@ class Pencil:
             polar = _unit(self.polarisation, f"source {self.name!r}: polarisation")
             if abs(float(polar @ axis)) > 1.0 - 1e-9:
                 raise SceneError(f"source {self.name!r}: polarisation lies along the direction")
-        across = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
-        across /= np.linalg.norm(across)
+        _, across = transverse_axes(axis)
         cone = math.cos(math.radians(self.cone_deg))
         return np.concatenate([self.centre, axis, [self.radius, cone], polar, across])
 

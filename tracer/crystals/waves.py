@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from raymap.jit.kernels import inner_kernel
+from raymap.optics.frames import transverse_axes
 from tracer.crystals.media import Crystal
 from tracer.crystals.rows import EPS_ABSORPTION
 
@@ -51,9 +52,8 @@ class CrystalWaves:
 def _transverse(unit: Real) -> Real:
     """(n, 3, 2) orthonormal pair across each unit vector."""
     helper = np.where(np.abs(unit[:, :1]) < 0.7, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
-    a = np.cross(unit, helper)
-    a /= np.linalg.norm(a, axis=1, keepdims=True)
-    return np.stack([a, np.cross(unit, a)], axis=-1)
+    x, y = transverse_axes(unit, helper)
+    return np.stack([y, -x], axis=-1)
 
 
 def waves_along(

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
 from raymap.model.errors import SceneError
+from raymap.optics.frames import turn_to
 
 __all__ = [
     "ByWavelength",
@@ -119,7 +120,7 @@ class Placed(Node):
         if self.rotation is not None:
             return origin, _rotation(self.rotation)
         if self.axis is not None:
-            return origin, _turn_to(np.array(self.axis, float))
+            return origin, _rounded(turn_to(self.axis))
         return origin, np.eye(3)
 
 
@@ -134,16 +135,6 @@ def _rotation(angles_deg: Vector) -> Array:
     about_y = np.array([[math.cos(b), 0, math.sin(b)], [0, 1, 0], [-math.sin(b), 0, math.cos(b)]])
     about_z = np.array([[math.cos(c), -math.sin(c), 0], [math.sin(c), math.cos(c), 0], [0, 0, 1]])
     turned: Array = about_z @ about_y @ about_x
-    return _rounded(turned)
-
-
-def _turn_to(axis: Array) -> Array:
-    w = axis / np.linalg.norm(axis)
-    if w[2] < -1.0 + 1e-12:
-        return np.diag([1.0, -1.0, -1.0])
-    cross = np.array([-w[1], w[0], 0.0])
-    skew = np.array([[0, 0, cross[1]], [0, 0, -cross[0]], [-cross[1], cross[0], 0]])
-    turned: Array = np.eye(3) + skew + skew @ skew / (1.0 + w[2])
     return _rounded(turned)
 
 

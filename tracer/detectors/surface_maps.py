@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.model.errors import SceneError
+from raymap.optics.frames import frame_of
 from tracer.compiled import FLAT_MAP, ROUND_MAP
 from tracer.geometry.shapes import (
     Annulus,
@@ -20,7 +21,6 @@ from tracer.geometry.shapes import (
     Rectangle,
     Shape,
     SphereCap,
-    frame_of,
     unit,
 )
 

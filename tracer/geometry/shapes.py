@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.model.directory import Quadric
+from raymap.optics.frames import frame_of
 from tracer.geometry.kinds import (
     ANNULUS,
     ASPHERE,
@@ -39,7 +40,6 @@ __all__ = [
     "Rectangle",
     "Shape",
     "SphereCap",
-    "frame_of",
     "padded",
     "sag_at",
     "sags_at",
@@ -84,14 +84,6 @@ def _cross(a: Array, b: Array) -> Array:
     """Vector product of two vectors; the general one of NumPy takes ten times as long."""
     (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
-
-
-def frame_of(axis: Array) -> Array:
-    """Orthonormal rows (u, v, axis) with u along +x where that is possible."""
-    w = unit(np.asarray(axis, float))
-    helper = np.array([1.0, 0.0, 0.0]) if abs(w[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
-    u = unit(helper - (helper @ w) * w)
-    return np.array([u, _cross(w, u), w])
 
 
 def padded(low: Array, high: Array) -> Bounds:

@@ -18,12 +18,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from raymap.optics.frames import transverse_axes
 from tracer.lens.errors import LensError
 from tracer.lens.forward import plain, run_chunks, trace_lens
 from tracer.lens.lens import Lens
 from tracer.lens.reversed_light import send_back
 from tracer.lens.tree import Exits, LensTree
-from tracer.optics.polarization import transverse_axes
 from tracer.optics.polarization_rays import PolarizationError, PolarizedRays, require_transverse
 
 __all__ = ["Arriving", "Bundle", "answer", "trace_backward"]

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 
 from raymap.jit.kernels import inner_kernel
+from raymap.optics.frames import unit_factor
 from tracer.lens.shape import BACK, FRONT, RIM, LensShape
 
 __all__ = ["INSIDE", "MISSED", "cap_normal", "enter", "inner_hit", "unit"]
@@ -24,11 +25,8 @@ _TOUCH = 1e-10
 
 @inner_kernel
 def unit(x: float, y: float, z: float) -> tuple[float, float, float]:
-    """A vector that is a unit vector but for rounding, with one Newton step towards length 1.
-
-    Without it rounding grows several times at each inner reflection of a strongly curved lens.
-    """
-    scale = 1.5 - 0.5 * (x * x + y * y + z * z)
+    """A vector that is a unit vector but for rounding, brought back to length 1."""
+    scale = unit_factor(x, y, z)
     return x * scale, y * scale, z * scale
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from raymap.optics.frames import frame_of
 from tracer.lens.errors import LensError
 from tracer.lens.glass import AIR, Glass
 from tracer.lens.shape import LensShape, lens_shape
@@ -115,9 +116,5 @@ def _frame(origin: ArrayLike, axis: ArrayLike) -> Real:
     length = float(np.linalg.norm(z)) if z.shape == (3,) else float("nan")
     if not (np.isfinite(length) and length > 0.0):
         raise LensError(f"axis is {axis!r}: expected three numbers that are not all zero")
-    z = z / length
     # A lens along +z keeps the axes of the world
-    helper = np.array([1.0, 0.0, 0.0]) if abs(z[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
-    x = helper - np.dot(helper, z) * z
-    x /= np.linalg.norm(x)
-    return np.ascontiguousarray(np.stack([x, np.cross(z, x), z, place]))
+    return np.concatenate((frame_of(z), [place]))

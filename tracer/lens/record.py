@@ -27,11 +27,11 @@ from raymap.model.errors import SceneError
 from raymap.model.events import Event
 from raymap.model.portion import Descriptors, Portion
 from raymap.model.schema import NORMAL_SCALE, UV_SCALE
+from raymap.optics.frames import transverse_axes
 from tracer.compiled import L_MEDIUM, SOURCE_ROW
 from tracer.lens.branches import Forest, grow_forest
 from tracer.lens.errors import LensError
 from tracer.lens.scene_lenses import LensScene
-from tracer.optics.polarization import transverse_axes
 from tracer.optics.polarization_rays import PolarizedRays
 from tracer.rays.random import advance, stream_state, uniform
 from tracer.run.recording import record

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.jit.kernels import inner_kernel, lean_kernel
+from raymap.optics.fresnel import reflect, refract
 from tracer.lens.arrays import RayArrays, starting_distance, to_lens, to_world
 from tracer.lens.hits import cap_normal, enter, inner_hit, unit
 from tracer.lens.shape import BACK, RIM, LensShape
-from tracer.optics.fresnel import reflect, refract
 from tracer.optics.polarization_fresnel import split_field
 
 __all__ = ["send_back"]

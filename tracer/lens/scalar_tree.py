@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 
 from raymap.jit.kernels import inner_kernel, lean_kernel
+from raymap.optics.fresnel import fresnel_reflectance, reflect, refract, schlick_reflectance
 from tracer.lens.arrays import (
     NodeArrays,
     RayArrays,
@@ -20,7 +21,6 @@ from tracer.lens.arrays import (
 )
 from tracer.lens.hits import cap_normal, enter, inner_hit, unit
 from tracer.lens.shape import BACK, RIM, LensShape
-from tracer.optics.fresnel import fresnel_reflectance, reflect, refract, schlick_reflectance
 
 __all__ = ["SCHLICK_RULES", "grow_scalar"]
 

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.jit.kernels import lean_kernel
-from tracer.optics.fresnel import fresnel_reflectance
+from raymap.optics.fresnel import cos2_refracted, fresnel_reflectance
 from tracer.optics.ggx import ggx_distribution, ggx_masking, sample_ggx_normal
 from tracer.optics.microfacet_losses import (
     LOBE,
@@ -151,7 +151,7 @@ def sample_rough_dielectric(
     else:
         u3 = (u3 - reflectance) / (1.0 - reflectance)
         eta = n_i / n_o
-        cos_t = math.sqrt(max(0.0, 1.0 - eta * eta * (1.0 - cos_m * cos_m)))
+        cos_t = math.sqrt(max(0.0, cos2_refracted(eta, cos_m)))
         along = eta * cos_m - cos_t
         x, y, z = along * mx - eta * wi_x, along * my - eta * wi_y, along * mz - eta * wi_z
         leaves = z < 0.0

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from raymap.jit.kernels import inner_kernel, lean_kernel
 from raymap.model.errors import SceneError
-from tracer.optics.fresnel import fresnel_conductor, fresnel_reflectance
+from raymap.optics.fresnel import fresnel_conductor, fresnel_reflectance
 from tracer.optics.ggx import Vector, ggx_masking, sample_ggx_normal
 from tracer.rays.directions import turned
 

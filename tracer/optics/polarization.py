@@ -33,40 +33,10 @@ __all__ = [
     "linear_field",
     "stokes",
     "stokes_from_coherency",
-    "transverse_axes",
 ]
 
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-
-_SMALL = 1e-12
-
-
-def transverse_axes(direction: ArrayLike, reference: ArrayLike | None = None) -> tuple[Real, Real]:
-    """Two unit vectors x, y perpendicular to a direction, with d x x = y.
-
-    Parameters
-    ----------
-    direction : (..., 3) unit vectors
-    reference : (..., 3), x is its part perpendicular to d; without it, and where it is parallel to
-        d, the coordinate axis that is least parallel to d
-
-    Returns
-    -------
-    x, y : (..., 3) float64
-    """
-    d = np.asarray(direction, np.float64)
-    least = np.eye(3)[np.argmin(np.abs(d), axis=-1)]
-    wanted = least if reference is None else np.asarray(reference, np.float64)
-    x = wanted - np.sum(wanted * d, axis=-1, keepdims=True) * d
-    length = np.linalg.norm(x, axis=-1, keepdims=True)
-    other = least - np.sum(least * d, axis=-1, keepdims=True) * d
-    lost = length < _SMALL
-    x = np.where(lost, other, x)
-    x = x / np.linalg.norm(x, axis=-1, keepdims=True)
-    # Remove what rounding left along d, so that E . d stays zero for nearly parallel references
-    x = x - np.sum(x * d, axis=-1, keepdims=True) * d
-    return x, np.cross(d, x)
 
 
 def jones(field: ArrayLike, x: ArrayLike, y: ArrayLike) -> Complex:

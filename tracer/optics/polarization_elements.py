@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tracer.optics.polarization import transverse_axes
+from raymap.optics.frames import transverse_axes
 from tracer.optics.polarization_rays import PolarizationError, PolarizedRays
 
 __all__ = [

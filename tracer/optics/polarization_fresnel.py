@@ -1,6 +1,6 @@
 """Reflection and refraction of a polarised ray at a smooth interface of two dielectrics.
 
-Conventions as in `tracer.optics.fresnel` and `tracer.optics.polarization`: exp(-i w t); the unit
+Conventions as in `raymap.optics.fresnel` and `tracer.optics.polarization`: exp(-i w t); the unit
 normal points against the incident ray; s = d x n / |d x n| for all three rays and p_j = d_j x s.
 A field's squared length is flux, therefore amplitudes of refraction carry the square root of the
 tube factor (n2 cos t) / (n1 cos i) and |E_r|^2 + |E_t|^2 = |E_i|^2.
@@ -18,41 +18,10 @@ from __future__ import annotations
 import math
 
 from raymap.jit.kernels import kernel
+from raymap.optics.frames import s_vector
+from raymap.optics.fresnel import dielectric_amplitudes
 
-__all__ = ["dielectric_amplitudes", "published_amplitudes", "s_vector", "split_field"]
-
-_WIDE = 0.1
-"""Squared sine of incidence from which on rounding of the cross product needs no correction."""
-
-
-@kernel
-def dielectric_amplitudes(
-    n1: float, n2: float, cos_i: float
-) -> tuple[complex, complex, float, float, float]:
-    """Amplitudes r_s, r_p, t_s, t_p and the cosine of refraction; 0, 0, 0 at total reflection.
-
-    Parameters
-    ----------
-    n1, n2 : real refractive indices before and behind the interface
-    cos_i : cosine of the angle of incidence, 0 .. 1
-    """
-    eta = n1 / n2
-    cos2_t = 1.0 - eta * eta * (1.0 - cos_i * cos_i)
-    if cos2_t > 0.0:
-        cos_t = math.sqrt(cos2_t)
-        a, b = n1 * cos_i, n2 * cos_t
-        c, d = n2 * cos_i, n1 * cos_t
-        below_s, below_p = 1.0 / (a + b), 1.0 / (c + d)
-        r_s, r_p = (a - b) * below_s, (c - d) * below_p
-        return complex(r_s), complex(r_p), 2.0 * a * below_s, 2.0 * a * below_p, cos_t
-    # Beyond the critical angle cos t = i g, g >= 0: the evanescent wave decays
-    g = math.sqrt(-cos2_t)
-    a, b = n1 * cos_i, n2 * g
-    c, d = n2 * cos_i, n1 * g
-    below_s, below_p = 1.0 / (a * a + b * b), 1.0 / (c * c + d * d)
-    total_s = complex((a * a - b * b) * below_s, -2.0 * a * b * below_s)
-    total_p = complex((c * c - d * d) * below_p, -2.0 * c * d * below_p)
-    return total_s, total_p, 0.0, 0.0, 0.0
+__all__ = ["published_amplitudes", "split_field"]
 
 
 @kernel
@@ -68,34 +37,6 @@ def published_amplitudes(
     turned = below_brewster if n1 < n2 else not below_brewster
     modulus = abs(r_p)
     return complex(-abs(r_s)), complex(modulus if turned else -modulus)
-
-
-@kernel
-def s_vector(
-    dx: float, dy: float, dz: float, nx: float, ny: float, nz: float
-) -> tuple[float, float, float]:
-    """Unit vector s perpendicular to the plane of incidence; any one at normal incidence."""
-    sx, sy, sz = dy * nz - dz * ny, dz * nx - dx * nz, dx * ny - dy * nx
-    length2 = sx * sx + sy * sy + sz * sz
-    if length2 > _WIDE:
-        scale = 1.0 / math.sqrt(length2)
-        return sx * scale, sy * scale, sz * scale
-    if length2 < 1e-28:
-        # Take the coordinate axis that is least parallel to the ray
-        if abs(dx) <= abs(dy) and abs(dx) <= abs(dz):
-            sx, sy, sz = 0.0, dz, -dy
-        elif abs(dy) <= abs(dz):
-            sx, sy, sz = -dz, 0.0, dx
-        else:
-            sx, sy, sz = dy, -dx, 0.0
-        length2 = sx * sx + sy * sy + sz * sz
-    # Normalise, then remove what cancellation left along the ray
-    scale = 1.0 / math.sqrt(length2)
-    sx, sy, sz = sx * scale, sy * scale, sz * scale
-    along = sx * dx + sy * dy + sz * dz
-    sx, sy, sz = sx - along * dx, sy - along * dy, sz - along * dz
-    scale = 1.0 / math.sqrt(sx * sx + sy * sy + sz * sz)
-    return sx * scale, sy * scale, sz * scale
 
 
 @kernel

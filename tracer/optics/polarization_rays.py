@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from raymap.model.errors import RayMapError
-from tracer.optics.polarization import linear_field, transverse_axes
+from raymap.optics.frames import transverse_axes
+from tracer.optics.polarization import linear_field
 
 __all__ = ["PolarizationError", "PolarizedRays", "natural_light", "require_transverse"]
 

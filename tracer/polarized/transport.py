@@ -26,8 +26,10 @@ from numpy.typing import NDArray
 
 from raymap.jit.kernels import inner_kernel, lean_kernel
 from raymap.jit.types import F64, I64
+from raymap.laws.phase import RAYLEIGH
 from raymap.model.events import Event
 from raymap.model.schema import COLOR_SCALE
+from raymap.optics.fresnel import fresnel_reflectance
 from tracer.compiled import (
     B_MEDIUM,
     DIELECTRIC,
@@ -43,8 +45,6 @@ from tracer.compiled import (
 )
 from tracer.geometry.kinds import MESH
 from tracer.geometry.normals import face_normal
-from tracer.optics.fresnel import fresnel_reflectance
-from tracer.optics.phase import RAYLEIGH
 from tracer.polarized.waves import (
     normalise_waves,
     polarise_waves,

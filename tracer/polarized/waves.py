@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from raymap.jit.kernels import inner_kernel
 from raymap.jit.types import F64
-from tracer.optics.polarization_fresnel import s_vector, split_field
+from raymap.optics.frames import s_vector
+from tracer.optics.polarization_fresnel import split_field
 
 __all__ = [
     "normalise_waves",

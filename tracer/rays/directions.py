@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 from raymap.jit.kernels import inline_kernel, inner_kernel
+from raymap.optics.frames import frame_about, unit_factor
 
 __all__ = ["about", "sample_cosine_cone", "sample_uniform_cone", "sine_of", "turned"]
 
@@ -19,22 +20,14 @@ _TURN = 2.0 * math.pi
 def about(
     nx: float, ny: float, nz: float, cosine: float, sine: float, u: float
 ) -> tuple[float, float, float]:
-    """Unit vector at an angle from the unit vector n, at an azimuth of ``u`` turns (0 to 1).
-
-    References
-    ----------
-    T. Duff et al., Building an orthonormal basis, revisited, J. Comput. Graph. Tech. 6(1) (2017).
-    """
+    """Unit vector at an angle from the unit vector n, at an azimuth of ``u`` turns (0 to 1)."""
     c, s = turned(u)
     p, q = sine * c, sine * s
-    sign = 1.0 if nz >= 0.0 else -1.0
-    a = -1.0 / (sign + nz)
-    b = nx * ny * a
-    x = p * (1.0 + sign * nx * nx * a) + q * b + cosine * nx
-    y = p * sign * b + q * (sign + ny * ny * a) + cosine * ny
-    z = -p * sign * nx - q * ny + cosine * nz
-    # A step of Newton's takes away what rounding has left of the length
-    scale = 1.5 - 0.5 * (x * x + y * y + z * z)
+    ux, uy, uz, vx, vy, vz = frame_about(nx, ny, nz)
+    x = p * ux + q * vx + cosine * nx
+    y = p * uy + q * vy + cosine * ny
+    z = p * uz + q * vz + cosine * nz
+    scale = unit_factor(x, y, z)
     return x * scale, y * scale, z * scale
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.model.errors import SceneError
+from raymap.optics.fluxes import variances
 from tracer.scattering.medium import ScatteringMedium
 from tracer.scattering.plate_kernel import TOTALS, PlateProblem, trace_plate
 from tracer.scattering.tilt import SMOOTH, TiltDistribution
@@ -150,6 +151,7 @@ def measure_plate(
     mean = np.average(shares, axis=0, weights=np.diff(edges))
     error = shares.std(axis=0, ddof=1) / math.sqrt(_BATCHES)
     flux = totals / rays
+    flux_se = np.sqrt(variances(1.0 / rays, rays, totals[:4:2], totals[1:4:2]))
     return Goniogram(
         grid=cells,
         incidence_deg=incidence_deg,
@@ -160,9 +162,9 @@ def measure_plate(
         btdf=mean[1],
         btdf_se=error[1],
         reflectance=float(flux[0]),
-        reflectance_se=math.sqrt(max(0.0, flux[1] - flux[0] ** 2) / rays),
+        reflectance_se=float(flux_se[0]),
         transmittance=float(flux[2]),
-        transmittance_se=math.sqrt(max(0.0, flux[3] - flux[2] ** 2) / rays),
+        transmittance_se=float(flux_se[1]),
         absorbed=float(flux[4]),
         scatterings=float(flux[5]),
     )

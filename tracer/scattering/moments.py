@@ -1,6 +1,6 @@
 """Legendre moments of the generalised phase function by a recurrence, as the exact solver needs.
 
-The quadrature of `tracer.optics.phase.legendre_moments` serves every phase function; this closed
+The quadrature of `raymap.laws.phase.legendre_moments` serves every phase function; this closed
 recurrence serves the one family a fit walks through, some hundred times faster.
 """
 

@@ -33,10 +33,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from raymap.model.errors import SceneError
+from raymap.optics.fresnel import reflectance_column
 from tracer.scattering.medium import ScatteringMedium
 from tracer.scattering.quadrature import (
     PlateDirections,
-    fresnel_column,
     legendre_functions,
     plate_directions,
 )
@@ -176,7 +176,7 @@ class ExactPlates:
         self._functions = legendre_functions(
             0, self.directions.order, self.directions.cosines
         ) * np.sqrt(self.directions.weights)
-        self._first_reflection = fresnel_column(1.0, index, outside[: self.incidence_deg.size])
+        self._first_reflection = reflectance_column(1.0, index, outside[: self.incidence_deg.size])
 
     def solve(self, medium: ScatteringMedium, thickness_mm: ArrayLike) -> PlateResponse:
         """R and T of plates of a medium.
@@ -259,7 +259,7 @@ def unscattered(
     """Part of R and T that never scatters: specular reflection and the direct beam."""
     plates = check_plates(medium, thickness_mm, medium.index)[:, None]
     outside = np.cos(np.radians(np.atleast_1d(np.asarray(incidence_deg, np.float64))))
-    face = fresnel_column(1.0, medium.index, outside)
+    face = reflectance_column(1.0, medium.index, outside)
     inside = np.sqrt(1.0 - (1.0 - outside**2) / medium.index**2)
     pass_once = np.exp(-medium.extinction_per_mm * plates / inside)
     between = 1.0 - (face * pass_once) ** 2

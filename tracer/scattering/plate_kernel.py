@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.jit.kernels import kernel
-from tracer.optics.fresnel import fresnel_reflectance
+from raymap.optics.frames import unit_factor
+from raymap.optics.fresnel import fresnel_reflectance
 from tracer.optics.phase import sample_generalized, sample_henyey_greenstein
 from tracer.rays.random import advance, stream_state, uniform
 from tracer.scattering.tilt_kernel import rough_face
@@ -134,7 +135,7 @@ def _turn(
     oy = mu * dy + part * (dy * dz * cosine + dx * sine)
     oz = mu * dz - spread * across * cosine
     # Pull the length back to 1, because thousands of turns follow each other
-    pull = 1.5 - 0.5 * (ox * ox + oy * oy + oz * oz)
+    pull = unit_factor(ox, oy, oz)
     return ox * pull, oy * pull, oz * pull
 
 

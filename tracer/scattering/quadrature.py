@@ -11,7 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["PlateDirections", "fresnel_column", "legendre_functions", "plate_directions"]
+from raymap.optics.fresnel import reflectance_column
+
+__all__ = ["PlateDirections", "legendre_functions", "plate_directions"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,18 +74,9 @@ def plate_directions(
         cosines=cosines,
         weights=weights,
         watched=inside.size,
-        fresnel=fresnel_column(index, 1.0, cosines),
+        fresnel=reflectance_column(index, 1.0, cosines),
         order=2 * nodes,
     )
-
-
-def fresnel_column(n1: float, n2: float, cos_i: NDArray[np.float64]) -> NDArray[np.float64]:
-    """`tracer.optics.fresnel.fresnel_reflectance` over a column of cosines."""
-    sin2_t = (n1 / n2) ** 2 * (1.0 - cos_i**2)
-    cos_t = np.sqrt(np.maximum(0.0, 1.0 - sin2_t))
-    r_s = (n1 * cos_i - n2 * cos_t) / (n1 * cos_i + n2 * cos_t)
-    r_p = (n2 * cos_i - n1 * cos_t) / (n2 * cos_i + n1 * cos_t)
-    return np.where(sin2_t >= 1.0, 1.0, 0.5 * (r_s**2 + r_p**2))
 
 
 def legendre_functions(mode: int, order: int, cosines: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -17,6 +17,7 @@ from raymap.model.errors import SceneError
 from raymap.model.events import Event
 from raymap.model.portion import Portion
 from raymap.model.schema import COLOR_SCALE, NORMAL_SCALE
+from raymap.optics.fluxes import variances
 from tracer.scattering.goniophotometer import AngularGrid, Goniogram
 from tracer.scene.compilations import compilation_of
 from tracer.scene.compile import Compilation
@@ -178,9 +179,10 @@ class _Tally:
         per_batch = self.rays / _BATCHES * share
         values = self.bins[..., channel] / per_batch / self.grid.projected_solid_angle
         mean, error = values.mean(axis=0), values.std(axis=0, ddof=1) / math.sqrt(_BATCHES)
-        flux = self.left[0, :, channel] / (self.rays * share)
-        square = self.left[1, :, channel] / (self.rays * share**2)
-        flux_error = np.sqrt(np.maximum(0.0, square - flux**2) / self.rays)
+        per_ray = 1.0 / (self.rays * share)
+        sums, squares = self.left[:, :, channel]
+        flux = per_ray * sums
+        flux_error = np.sqrt(variances(per_ray, self.rays, sums, squares))
         angle = math.degrees(math.acos(min(1.0, self.cos_incidence)))
         return Goniogram(
             grid=self.grid,

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from raymap.model.errors import SceneError
-from tracer.scattering.quadrature import fresnel_column
+from raymap.optics.fresnel import reflectance_column
 
 __all__ = ["SMOOTH", "TiltDistribution", "gaussian_tilt", "tabulated_tilt", "tilt_from_brdf"]
 
@@ -127,7 +127,7 @@ def tilt_from_brdf(
     half = to_light + to_eye
     half /= np.linalg.norm(half, axis=-1, keepdims=True)
     tilt = np.degrees(np.arccos(np.clip(half[..., 2], -1.0, 1.0)))
-    fresnel = fresnel_column(1.0, index, np.clip(half @ to_light, 0.0, 1.0))
+    fresnel = reflectance_column(1.0, index, np.clip(half @ to_light, 0.0, 1.0))
     p = 4.0 * math.cos(incidence) * np.cos(theta) * f / fresnel
     # Average over rings; what noise made negative is nothing
     last = max(step_deg, float(tilt.max()))

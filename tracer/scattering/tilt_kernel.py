@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.jit.kernels import kernel
-from tracer.optics.fresnel import fresnel_reflectance, refract
+from raymap.optics.fresnel import fresnel_reflectance, refract
 from tracer.rays.directions import turned
 from tracer.rays.random import advance, uniform
 

@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.jit.collecting import no_collecting
+from raymap.laws.law import Law
+from raymap.laws.stored import stored_laws
 from raymap.model.directory import (
     BoundingSphere,
     ChannelSet,
@@ -164,7 +166,7 @@ class _Compiler:
         center, radius = self._extent(shapes, sources)
         sources = lift_off_faces(sources, shapes, 1e-9 * radius)
         face_i, face_f, pool = faces.rows(shapes)
-        surface_i, surface_f, tables = compile_surfaces(
+        surface_i, surface_f, tables, laws = compile_surfaces(
             faces.surface_models(), self.media, self.wavelengths, scene.origin
         )
         departures = Departures(shapes, sources.boxes)
@@ -229,7 +231,7 @@ class _Compiler:
             scene=scene,
             arrays=arrays,
             directory=self._directory(center, radius, sources.fluxes),
-            channel_set=self._channel_set(sources.colors),
+            channel_set=self._channel_set(sources.colors, laws),
             meshes=faces.meshes,
             departures=departures,
             solids=faces.shelf.finish(),
@@ -285,7 +287,7 @@ class _Compiler:
         )
         return directory.model_copy(update={"scene_hash": _scene_hash(scene)})
 
-    def _channel_set(self, colors: Array) -> ChannelSet:
+    def _channel_set(self, colors: Array, laws: list[Law | None]) -> ChannelSet:
         from raymap.optics.colorimetry import RGB_LUMINANCE, channel_display_rgb, luminous_efficacy
 
         rgb = self.scene.spectrum.kind == "rgb"
@@ -300,6 +302,7 @@ class _Compiler:
             refractive_index=_rows(self.media.index),
             absorption=_rows(self.media.absorption),
             source_colors=_rows(colors),
+            laws=stored_laws(laws, self.media.laws),
         )
 
 

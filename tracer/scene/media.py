@@ -9,14 +9,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.laws.medium import MediumLaw
+from raymap.laws.phase import PHASE_ROW, PhaseLaw
 from raymap.model.directory import Medium
 from raymap.model.errors import RayMapError, SceneError
 from raymap.model.names import nearest_names
 from raymap.model.units import length_scale
 from tracer.description.channels import RGB_NM
 from tracer.description.fields import ByWavelength
-from tracer.media.model import MediumModel, Phase
-from tracer.optics import dispersion, phase
+from tracer.media.model import MediumModel
+from tracer.optics import dispersion
 from tracer.optics.glasses import Glass, find_glass
 from tracer.scene.model import Scene
 
@@ -35,7 +37,7 @@ class MissingAbsorption(UserWarning):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MediumTable:
-    """Media by number: arrays for the engine, entries for the map, tables of phase functions."""
+    """Media by number: arrays for the engine, entries and laws for the map, phase functions."""
 
     names: tuple[str, ...]
     integers: NDArray[np.int64]
@@ -44,6 +46,7 @@ class MediumTable:
     absorption: Array
     entries: tuple[Medium, ...]
     tables: Array
+    laws: tuple[MediumLaw, ...]
     origin: str
 
     def number(self, name: str, place: str = "world.medium") -> int:
@@ -82,8 +85,9 @@ def medium_table(scene: Scene, wavelengths_nm: Array) -> MediumTable:
     n, channels = len(models), len(wavelengths_nm)
     index = np.empty((n, channels))
     absorption, scattering = np.zeros((n, channels)), np.zeros((n, channels))
-    phases = np.zeros((n, phase.PHASE_ROW))
+    phases = np.zeros((n, PHASE_ROW))
     tables: list[Array] = []
+    laws = [MediumLaw()] * n
     for k, (name, model) in enumerate(models.items()):
         place = f"{scene.origin}: media.{name}"
         index[k] = refractive_index(model, wavelengths_nm, place)
@@ -102,8 +106,10 @@ def medium_table(scene: Scene, wavelengths_nm: Array) -> MediumTable:
             if given.albedo is not None:
                 absorption[k] += scattering[k] * (1.0 - given.albedo)
                 scattering[k] *= given.albedo
-            phases[k], table = _phase_row(given.phase, sum(map(len, tables)), name)
+            law = PhaseLaw(**given.phase.model_dump(exclude_unset=True))
+            phases[k], table = law.row(first=sum(map(len, tables)), name=name)
             tables.append(table)
+            laws[k] = MediumLaw(scattering=tuple(scattering[k].tolist()), phase=law)
         if min(absorption[k].min(), scattering[k].min()) < 0.0:
             raise SceneError(f"{place}: absorption and scattering must not be negative")
     _warn_of_missing_absorption(scene)
@@ -129,6 +135,7 @@ def medium_table(scene: Scene, wavelengths_nm: Array) -> MediumTable:
             for name, model in models.items()
         ),
         tables=np.concatenate([*tables, np.zeros(1)]),
+        laws=tuple(laws),
         origin=scene.origin,
     )
 
@@ -192,16 +199,3 @@ def _glass(model: MediumModel, place: str) -> Glass:
         return find_glass(model.glass or "")
     except SceneError as error:
         raise SceneError(f"{place}.glass: {error}") from None
-
-
-def _phase_row(model: Phase, first: int, name: str) -> tuple[Array, Array]:
-    empty = np.zeros(0)
-    if model.kind == "henyey_greenstein":
-        return phase.henyey_greenstein_row(model.g), empty
-    if model.kind == "generalized":
-        return phase.generalized_row(model.g, model.gamma), empty
-    if model.kind == "rayleigh":
-        return phase.rayleigh_row(), empty
-    if model.kind == "tabulated":
-        return phase.tabulated_phase(model.angle_deg, model.value, first=first, name=name)
-    return phase.isotropic_row(), empty

@@ -12,6 +12,7 @@ from pydantic import Field
 from raymap.model.errors import SceneError
 from raymap.model.names import nearest_names
 from raymap.model.wildcards import Wildcard
+from raymap.optics.frames import transverse_axes
 from tracer.compiled import (
     TARGET_RECTANGLE,
     TARGET_RING,
@@ -149,10 +150,9 @@ def _target(shapes: Iterable[Shape]) -> Array:
     if len(known) == 1 and isinstance(known[0], Annulus):
         ring = known[0]
         s = np.zeros(TARGET_ROW)
-        u = np.cross(ring.normal, np.eye(3)[int(np.argmin(np.abs(ring.normal)))])
-        u /= np.linalg.norm(u)
+        x, u = transverse_axes(ring.normal)
         s[0], s[1:4], s[4:7] = TARGET_RING, ring.origin, ring.normal
-        s[7:10], s[10:13] = u, np.cross(ring.normal, u)
+        s[7:10], s[10:13] = u, -x
         s[13:16] = ring.inner, ring.outer, ring.outer
         return s
     boxes = [shape.bounds() for shape in known]

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.laws.law import Law
 from tracer.compiled import S_COLUMNS, S_KIND, S_MODEL, SURFACE_ROW
 from tracer.scene.media import MediumTable
 from tracer.surfaces.linking import number_of
@@ -19,8 +20,8 @@ Array = NDArray[np.float64]
 
 def compile_surfaces(
     surfaces: Sequence[tuple[str, Surface]], media: MediumTable, wavelengths_nm: Array, origin: str
-) -> tuple[NDArray[np.int64], Array, Array]:
-    """Integers (n, S_COLUMNS), numbers (n, SURFACE_ROW + 2 C) and the flat pool of all tables.
+) -> tuple[NDArray[np.int64], Array, Array, list[Law | None]]:
+    """Integers (n, S_COLUMNS), numbers (n, SURFACE_ROW + 2 C), the flat pool of all tables, laws.
 
     Parameters
     ----------
@@ -35,9 +36,7 @@ def compile_surfaces(
     """
     pool = TablePool(media.tables)
     rows = [
-        SurfaceRow(
-            name, origin, wavelengths_nm, pool, lambda m, key: media.index[media.number(m, key)]
-        )
+        SurfaceRow(name, origin, wavelengths_nm, pool, media.index, media.number)
         for name, _ in surfaces
     ]
     for row, (_, surface) in zip(rows, surfaces, strict=True):
@@ -50,4 +49,5 @@ def compile_surfaces(
         np.array([row.integers for row in rows], np.int64).reshape(-1, S_COLUMNS),
         np.array([row.numbers for row in rows]).reshape(-1, width),
         pool.joined(),
+        [surface.stated(row) for row, (_, surface) in zip(rows, surfaces, strict=True)],
     )

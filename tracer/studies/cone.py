@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from raymap.optics.frames import transverse_axes
 from tracer.lens import Lens, LensError, trace_lens
 from tracer.lens.shape import RIM
-from tracer.optics.polarization import transverse_axes
 from tracer.optics.polarization_rays import PolarizedRays
 
 __all__ = ["AxialCone", "MaskedCone", "axial_cone", "inside_cone", "masked_cone"]

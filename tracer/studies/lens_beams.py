@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from raymap.optics.frames import transverse_axes
 from tracer.lens import Lens, LensError
-from tracer.optics.polarization import transverse_axes
 from tracer.optics.polarization_rays import PolarizedRays
 
 __all__ = ["aperture_points", "parallel_beam", "point_beam", "sunflower"]

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.optics.colorimetry import xyz_to_linear_srgb
+from raymap.optics.frames import transverse_axes
 from tracer.lens import Lens, LensError, LensTree, trace_lens
 from tracer.lens.forward import RGB_NM, Mode
-from tracer.optics.polarization import transverse_axes
 from tracer.optics.polarization_rays import PolarizedRays
 from tracer.studies.interference_colors import white_weights
 

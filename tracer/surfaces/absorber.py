@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Literal
 
+from raymap.laws.law import Law as StoredLaw
+from raymap.laws.smooth import AbsorberLaw
 from tracer.compiled import ABSORBER
 from tracer.surfaces.surface import Surface, SurfaceRow
 
@@ -18,6 +20,9 @@ class Absorber(Surface):
 
     def compile(self, row: SurfaceRow) -> None:
         """Nothing to say."""
+
+    def stated(self, row: SurfaceRow) -> StoredLaw | None:
+        return AbsorberLaw()
 
 
 KINDS = (Absorber,)

@@ -11,7 +11,13 @@ from pydantic import Field
 
 from raymap.jit.kernels import inline_kernel, inner_kernel, unsigned
 from raymap.jit.types import F64, I64
+from raymap.laws.law import Law as StoredLaw
+from raymap.laws.radial import RadialScatter
+from raymap.laws.smooth import FresnelLaw
+from raymap.laws.stack import StackLaw, StoredLayer
+from raymap.laws.table import TableLaw, coating_share, measured_at_channels
 from raymap.model.events import Event
+from raymap.optics.fresnel import cos2_refracted, fresnel_reflectance, partial_reflectance
 from tracer.compiled import (
     DIELECTRIC,
     M_DISPERSIVE,
@@ -22,9 +28,6 @@ from tracer.compiled import (
     SURFACE_ROW,
 )
 from tracer.description.fields import Finite, Length, Node, Positive, Share, Spectral
-from tracer.optics import coatings
-from tracer.optics.coatings import coating_share
-from tracer.optics.fresnel import fresnel_reflectance
 from tracer.rays.colors import COLORS, pick_channel, recolor
 from tracer.rays.random import advance, uniform
 from tracer.surfaces.interaction import ABSORBED, GLOSSY_REFLECTION, GLOSSY_TRANSMISSION
@@ -75,14 +78,14 @@ def meet_dielectric(
     channel = unsigned(k)
     n1, n2 = medium_f[medium, channel], medium_f[other, channel]
     eta = n1 / n2
-    cos2_t = 1.0 - eta * eta * (1.0 - cos_i * cos_i)
+    cos2_t = cos2_refracted(eta, cos_i)
     if cos2_t > 0.0:
         state = advance(state)
         cos_t = math.sqrt(cos2_t)
         u = uniform(state)
         model = surface_i[surface, S_MODEL]
         if model == 0:
-            reflectance = _fresnel(n1, n2, cos_i, cos_t)
+            reflectance = partial_reflectance(n1, n2, cos_i, cos_t)
         elif model != 2:
             reflectance = surface_f[surface, SURFACE_ROW + channel]
         else:
@@ -123,16 +126,6 @@ def meet_dielectric(
         )
     along = 2.0 * cos_i
     return event, False, dx + along * nx, dy + along * ny, dz + along * nz, code, state
-
-
-@inline_kernel
-def _fresnel(n1: float, n2: float, cos_i: float, cos_t: float) -> float:
-    """Reflectance for unpolarised light, with one division (see `tracer.optics.fresnel`)."""
-    a, b = n1 * cos_i, n2 * cos_t
-    c, d = n2 * cos_i, n1 * cos_t
-    s, p = (a - b) * (c + d), (c - d) * (a + b)
-    below = (a + b) * (c + d)
-    return 0.5 * (s * s + p * p) / (below * below)
 
 
 @inner_kernel
@@ -216,30 +209,54 @@ class Coating(Node):
                 "computed: drop either"
             )
 
-    def table(self, row: SurfaceRow) -> Array:
-        """Its shares by channel and angle (`tracer.optics.coatings`), a row per channel.
+    def stated(self, row: SurfaceRow, scatter: RadialScatter | None) -> StackLaw | TableLaw:
+        """Its shares by channel and angle, in the form in which maps store it.
 
         Raises
         ------
         SceneError
         """
-        if self.between is None:
-            return coatings.tabulated_coating(
-                row.wavelengths_nm,
-                self.wavelength_nm,
-                self.angle_deg,
-                self.reflectance,
-                self.transmittance,
-                name=row.name,
+        if self.between is not None:
+            first, second = (row.medium(item, "coating.between") for item in self.between)
+            layers = tuple(
+                StoredLayer(
+                    thickness_nm=layer.thickness_nm,
+                    n=row.listed(layer.index),
+                    k=row.listed(layer.extinction),
+                )
+                for layer in self.layers
             )
-        first, second = (row.index_of(item, "coating.between") for item in self.between)
-        layers = []
-        for layer in self.layers:
-            index = np.asarray(row.at(layer.index), np.complex128)
-            if layer.extinction is not None:
-                index = index + 1j * row.at(layer.extinction)
-            layers.append(coatings.Layer(index=index, thickness_nm=layer.thickness_nm))
-        return coatings.layer_coating(first, second, layers, row.wavelengths_nm, name=row.name)
+            return StackLaw(between=(first, second), layers=layers, scatter=scatter)
+        back, through = measured_at_channels(
+            row.wavelengths_nm,
+            self.wavelength_nm,
+            self.angle_deg,
+            self.reflectance,
+            self.transmittance,
+            name=row.name,
+        )
+        return _table(self.angle_deg, back, through, scatter)
+
+    def table(self, row: SurfaceRow) -> Array:
+        """What the engine looks up, a row per channel.
+
+        Raises
+        ------
+        SceneError
+        """
+        law = self.stated(row, None)
+        return law.tables(row, row.name) if isinstance(law, StackLaw) else law.tables()
+
+
+def _table(
+    angle_deg: tuple[float, ...], back: Array, through: Array, scatter: RadialScatter | None
+) -> TableLaw:
+    return TableLaw(
+        angle_deg=angle_deg,
+        reflectance=tuple(map(tuple, back.tolist())),
+        transmittance=tuple(map(tuple, through.tolist())),
+        scatter=scatter,
+    )
 
 
 class Dielectric(Surface):
@@ -269,6 +286,19 @@ class Dielectric(Surface):
             row.integers[S_COATING_STEP] = table.shape[1]
         if self.scatter is not None:
             self.scatter.compile(row)
+
+    def stated(self, row: SurfaceRow) -> StoredLaw | None:
+        scatter = None
+        if self.scatter is not None:
+            scatter = self.scatter.stated()
+            if scatter is None:
+                return None
+        if self.coating is not None:
+            return self.coating.stated(row, scatter)
+        if self.reflectance is not None:
+            even = row.reflectance[:, None]
+            return _table((0.0,), even, 1.0 - even, scatter)
+        return FresnelLaw(scatter=scatter)
 
     def transmits(self) -> bool:
         return True

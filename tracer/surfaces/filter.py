@@ -7,10 +7,11 @@ from typing import Any, Literal
 import numpy as np
 
 from raymap.jit.kernels import inner_kernel, stage_kernel
+from raymap.laws.law import Law as StoredLaw
+from raymap.laws.sheet import FilterLaw, filter_transmittance
 from raymap.model.events import Event
 from tracer.compiled import FILTER, SURFACE_ROW
 from tracer.description.fields import Positive, Spectral
-from tracer.optics.bsdf import filter_transmittance
 from tracer.rays.colors import COLORS, mean_of, recolor, recolor_lost
 from tracer.rays.random import advance, uniform
 from tracer.surfaces.interaction import ABSORBED, Hit, Light, Optics, Outcome
@@ -63,6 +64,9 @@ class Filter(Surface):
     def compile(self, row: SurfaceRow) -> None:
         row.set_shares(None, self.transmittance)
         row.numbers[0] = self.index or 1.5
+
+    def stated(self, row: SurfaceRow) -> StoredLaw | None:
+        return FilterLaw(transmittance=row.listed(self.transmittance), index=self.index or 1.5)
 
     def transmits(self) -> bool:
         return True

@@ -9,6 +9,8 @@ import numpy as np
 
 from raymap.jit.kernels import inner_kernel
 from raymap.jit.types import F64, I64
+from raymap.laws.lambertian import LambertianLaw
+from raymap.laws.law import Law as StoredLaw
 from raymap.model.events import Event
 from tracer.compiled import LAMBERTIAN, SURFACE_ROW
 from tracer.description.fields import Spectral
@@ -90,6 +92,12 @@ class Lambertian(Surface):
 
     def compile(self, row: SurfaceRow) -> None:
         row.set_shares(self.reflectance, self.transmittance)
+
+    def stated(self, row: SurfaceRow) -> StoredLaw | None:
+        return LambertianLaw(
+            reflectance=tuple(row.reflectance.tolist()),
+            transmittance=row.listed(self.transmittance),
+        )
 
     def transmits(self) -> bool:
         return bool(self.transmittance)

@@ -11,6 +11,7 @@ import numpy as np
 
 from raymap.jit.kernels import inline_kernel, inner_kernel, number
 from raymap.jit.types import F64, I64
+from raymap.optics.frames import frame_about
 from tracer.compiled import ABSORBER, DIELECTRIC, LAMBERTIAN, MIRROR, S_KIND, S_MEET
 from tracer.surfaces.dielectric import meet_dielectric, scatter_if_specular
 from tracer.surfaces.interaction import ABSORBED, MEET, Hit, Light, Optics
@@ -76,11 +77,7 @@ def by_kind(
 ) -> Outcome:  # fmt: skip
     """Ask the kind of the surface; the normal stands against the ray."""
     # Local frame: z along the normal on the side of the incident ray
-    sign = 1.0 if nz >= 0.0 else -1.0
-    a = -1.0 / (sign + nz)
-    b = nx * ny * a
-    ux, uy, uz = 1.0 + sign * nx * nx * a, sign * b, -sign * nx
-    vx, vy, vz = b, sign + ny * ny * a, -ny
+    ux, uy, uz, vx, vy, vz = frame_about(nx, ny, nz)
     wx, wy = -(dx * ux + dy * uy + dz * uz), -(dx * vx + dy * vy + dz * vz)
     happened, x, y, z, code, state = _meet(
         surface_i[surface, S_MEET],

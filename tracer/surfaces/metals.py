@@ -6,8 +6,8 @@ import numpy as np
 
 from raymap.jit.kernels import inner_kernel
 from raymap.jit.types import F64, I64
+from raymap.optics.fresnel import fresnel_conductor
 from tracer.compiled import S_METAL, SURFACE_ROW
-from tracer.optics.fresnel import fresnel_conductor
 from tracer.rays.colors import COLORS, mean_of, recolor, recolor_lost
 
 __all__ = ["metal_reflectance", "survive_metal"]

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from raymap.jit.kernels import inner_kernel
 from raymap.jit.types import F64, I64
+from raymap.laws.law import Law as StoredLaw
+from raymap.laws.mirror import MirrorLaw
 from raymap.model.events import Event
 from tracer.compiled import MIRROR, S_METAL, S_SCATTER
 from tracer.description.fields import Node, Spectral
@@ -70,6 +72,10 @@ class Metal(Node):
         """
         return row.at(self.n), row.at(self.k)
 
+    def listed(self, row: SurfaceRow) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """n and k as a stored law lists them."""
+        return row.listed(self.n), row.listed(self.k)
+
     def compile(self, row: SurfaceRow) -> None:
         """Put n and k of every channel into the tables."""
         row.integers[S_METAL] = row.pool.add(np.column_stack(self.at(row)))
@@ -97,6 +103,13 @@ class Mirror(Surface):
             self.metal.compile(row)
         if self.scatter is not None:
             self.scatter.compile(row)
+
+    def stated(self, row: SurfaceRow) -> StoredLaw | None:
+        n, k = ((), ()) if self.metal is None else self.metal.listed(row)
+        scatter = None if self.scatter is None else self.scatter.stated()
+        if scatter is None and self.scatter is not None:
+            return None
+        return MirrorLaw(reflectance=row.listed(self.reflectance), n=n, k=k, scatter=scatter)
 
     def splits_polarisation(self) -> tuple[str, str] | None:
         return ("metal", METAL_SPLITS) if self.metal is not None else None

@@ -10,9 +10,11 @@ from pydantic import Field
 
 from raymap.jit.kernels import inner_kernel, stage_kernel
 from raymap.jit.types import F64
+from raymap.laws.law import Law as StoredLaw
+from raymap.laws.retroreflector import RetroreflectorLaw, pdf_retro
 from tracer.compiled import RETROREFLECTOR, SURFACE_ROW
 from tracer.description.fields import Spectral
-from tracer.optics.bsdf import pdf_retro, sample_retro
+from tracer.optics.bsdf import sample_retro
 from tracer.rays.colors import mean_of, recolor, recolor_lost
 from tracer.rays.random import advance, uniform
 from tracer.surfaces.interaction import ABSORBED, GLOSSY_REFLECTION, Hit, Light, Optics, Outcome
@@ -79,6 +81,10 @@ class Retroreflector(Surface):
     def compile(self, row: SurfaceRow) -> None:
         row.set_shares(self.reflectance, None)
         row.numbers[0] = math.cos(math.radians(self.spread_deg or 0.0))
+
+    def stated(self, row: SurfaceRow) -> StoredLaw | None:
+        back = row.listed(self.reflectance)
+        return RetroreflectorLaw(reflectance=back, spread_deg=self.spread_deg or 0.0)
 
 
 KINDS = (Retroreflector,)

@@ -8,11 +8,13 @@ import numpy as np
 
 from raymap.jit.kernels import stage_kernel
 from raymap.jit.types import F64
+from raymap.laws.law import Law as StoredLaw
+from raymap.laws.rough import RoughLaw
 from raymap.model.events import Event
+from raymap.optics.fresnel import fresnel_reflectance
 from tracer.compiled import ROUGH_DIELECTRIC, S_FACETS
 from tracer.description.fields import Finite
 from tracer.optics import microfacet_losses
-from tracer.optics.fresnel import fresnel_reflectance
 from tracer.optics.microfacet import eval_rough_dielectric, sample_rough_dielectric
 from tracer.rays.colors import COLORS, pick_channel, recolor
 from tracer.rays.random import advance, five_uniform, uniform
@@ -103,6 +105,10 @@ class RoughDielectric(Surface):
         assert self.roughness is not None
         row.numbers[0] = self.roughness
         row.integers[S_FACETS] = row.pool.add(microfacet_losses.dielectric_table(self.roughness))
+
+    def stated(self, row: SurfaceRow) -> StoredLaw | None:
+        assert self.roughness is not None
+        return RoughLaw(roughness=self.roughness)
 
     def transmits(self) -> bool:
         return True

@@ -8,6 +8,8 @@ import numpy as np
 
 from raymap.jit.kernels import stage_kernel
 from raymap.jit.types import F64
+from raymap.laws.law import Law as StoredLaw
+from raymap.laws.mirror import MirrorLaw
 from tracer.compiled import ROUGH_MIRROR, S_FACETS, SURFACE_ROW
 from tracer.description.fields import Finite, Spectral
 from tracer.optics import microfacet_losses
@@ -107,6 +109,11 @@ class RoughMirror(Surface):
         row.transmittance[:] = [
             microfacet_losses.multiple_reflectance(float(average), table) for average in averages
         ]
+
+    def stated(self, row: SurfaceRow) -> StoredLaw | None:
+        n, k = ((), ()) if self.metal is None else self.metal.listed(row)
+        back = row.listed(self.reflectance)
+        return MirrorLaw(reflectance=back, n=n, k=k, roughness=self.roughness or 0.0)
 
     def splits_polarisation(self) -> tuple[str, str] | None:
         return ("metal", METAL_SPLITS) if self.metal is not None else None

@@ -8,16 +8,19 @@ from typing import Any
 import numpy as np
 from pydantic import SerializationInfo, model_serializer, model_validator
 
+from raymap.laws.radial import RADIAL_REACH, RadialScatter, radial_table
 from tracer.compiled import S_SCATTER, S_STRIDE
 from tracer.description.fields import Node, Positive
-from tracer.optics.abg import radial_table
 from tracer.surfaces.scatter_laws.law import SCATTER_LAWS
 from tracer.surfaces.surface import SurfaceRow
 
 __all__ = ["Scatter"]
 
 _FIRST_LAWS = ("abg", "harvey_shack")
-"""Laws that scenes of all times have in their fingerprints."""
+"""Laws that scenes of all times have in their fingerprints, and maps know by name."""
+
+_STATED = 257
+"""Distances at which a map states a law that it does not know by name."""
 
 
 class Scatter(Node):
@@ -65,6 +68,21 @@ class Scatter(Node):
         if self.reference_nm is not None or not info.exclude_unset:
             written["reference_nm"] = self.reference_nm
         return written
+
+    def stated(self) -> RadialScatter | None:
+        """As maps store it: by its numbers, or over rho where maps do not know the law.
+
+        None of a law that maps do not know and that changes with the wavelength.
+        """
+        reference = self.reference_nm or 0.0
+        if self.law in _FIRST_LAWS:
+            said: dict[str, Any] = {self.law: self.numbers, "reference_nm": reference}
+            return RadialScatter(**said)
+        if reference:
+            return None
+        rho = np.geomspace(1e-6 * RADIAL_REACH, RADIAL_REACH, _STATED)
+        bsdf: Any = SCATTER_LAWS[self.law].bsdf(*self.numbers, wavelength_nm=0.0, reference_nm=0.0)
+        return RadialScatter(rho=tuple(rho.tolist()), value=tuple(bsdf(rho).tolist()))
 
     def compile(self, row: SurfaceRow) -> None:
         """Tables of the law into the pool: one for all channels, or one each.

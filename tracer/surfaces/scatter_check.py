@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.laws.radial import scatter_share
 from raymap.model.errors import SceneError
 from tracer.compiled import (
     B_MEDIUM,
@@ -24,7 +25,6 @@ from tracer.compiled import (
     WORLD,
     CompiledScene,
 )
-from tracer.optics.abg import scatter_share
 from tracer.surfaces.law import check_law
 from tracer.surfaces.specular import specular_share
 from tracer.surfaces.surface import Surface

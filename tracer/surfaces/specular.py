@@ -11,6 +11,10 @@ import numpy as np
 
 from raymap.jit.kernels import inner_kernel, lean_kernel
 from raymap.jit.types import F64, I64
+from raymap.laws.radial import eval_radial, scatter_share
+from raymap.laws.table import coating_share
+from raymap.optics.frames import frame_about, frame_towards
+from raymap.optics.fresnel import fresnel_reflectance
 from tracer.compiled import (
     MIRROR,
     S_COATING,
@@ -21,9 +25,7 @@ from tracer.compiled import (
     S_STRIDE,
     SURFACE_ROW,
 )
-from tracer.optics.abg import eval_radial, sample_radial, scatter_share
-from tracer.optics.coatings import coating_share
-from tracer.optics.fresnel import fresnel_reflectance
+from tracer.optics.radial import sample_radial
 from tracer.rays.colors import COLORS, mean_of, pick_channel, recolor
 from tracer.rays.random import advance, uniform
 from tracer.surfaces.metals import metal_reflectance
@@ -62,13 +64,8 @@ def scatter_specular(
         code = pick_channel(colors, code, uniform(state))
         table += code * surface_i[surface, S_STRIDE]
     # Frame with x along the projection of the specular direction
-    if beta > 1e-12:
-        ux, uy, uz = (dx - along * nx) / beta, (dy - along * ny) / beta, (dz - along * nz) / beta
-    else:
-        sign = 1.0 if nz >= 0.0 else -1.0
-        a = -1.0 / (sign + nz)
-        ux, uy, uz = 1.0 + sign * nx * nx * a, sign * nx * ny * a, -sign * nx
-    vx, vy, vz = ny * uz - nz * uy, nz * ux - nx * uz, nx * uy - ny * ux
+    sx, sy, sz, _, _, _ = frame_about(nx, ny, nz)
+    _, ux, uy, uz, vx, vy, vz = frame_towards(nx, ny, nz, dx, dy, dz, sx, sy, sz)
     state = advance(state)
     u1 = uniform(state)
     state = advance(state)

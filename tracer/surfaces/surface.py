@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from raymap.laws.law import Law as StoredLaw
 from raymap.model.errors import SceneError
 from tracer.compiled import S_COLUMNS, S_MEET, S_MODEL, S_OWN, S_OWN_SIZE, SURFACE_ROW
 from tracer.description.channels import RGB_NM
@@ -53,8 +54,8 @@ class SurfaceRow:
     origin : names the scene in messages
     wavelengths_nm : of the channels
     pool : for tables
-    indices : refractive index at the channels of a medium by its name; takes the key that names it
-        as well, for messages
+    refractive_index : of the media of the scene at the channels
+    medium : number of a medium by its name; takes the key that names it as well, for messages
 
     Attributes
     ----------
@@ -70,7 +71,8 @@ class SurfaceRow:
         origin: str,
         wavelengths_nm: Array,
         pool: TablePool,
-        indices: Callable[[str, str], Array],
+        refractive_index: Array,
+        medium: Callable[[str, str], int],
     ) -> None:
         n = len(wavelengths_nm)
         self.name = name
@@ -83,7 +85,8 @@ class SurfaceRow:
         self.numbers = np.zeros(SURFACE_ROW + 2 * n)
         self.reflectance = self.numbers[SURFACE_ROW : SURFACE_ROW + n]
         self.transmittance = self.numbers[SURFACE_ROW + n :]
-        self._indices = indices
+        self.refractive_index = refractive_index
+        self._medium = medium
 
     def at(self, given: ByWavelength) -> Array:
         """A quantity at the channels.
@@ -105,7 +108,22 @@ class SurfaceRow:
         SceneError
             there is no such medium
         """
-        return self._indices(medium, f"surfaces.{self.name}.{key}")
+        index: Array = self.refractive_index[self.medium(medium, key)]
+        return index
+
+    def medium(self, name: str, key: str) -> int:
+        """Number of a medium of the scene.
+
+        Raises
+        ------
+        SceneError
+            there is no such medium
+        """
+        return self._medium(name, f"surfaces.{self.name}.{key}")
+
+    def listed(self, given: ByWavelength | None) -> tuple[float, ...]:
+        """A quantity at the channels as a stored law lists it; empty where it is not given."""
+        return () if given is None else tuple(self.at(given).tolist())
 
     def set_own(self, numbers: ArrayLike) -> None:
         """Set the numbers that a kind's law is handed."""
@@ -161,6 +179,10 @@ class Surface(Node):
         SceneError
         """
         raise TypeError(f"{type(self).__name__} is not a surface")
+
+    def stated(self, row: SurfaceRow) -> StoredLaw | None:
+        """Its law as maps store it, of a row that is filled; None: maps do not say it."""
+        return None
 
     def transmits(self) -> bool:
         """Whether light goes through a sheet that has the surface."""

@@ -6,10 +6,12 @@ from typing import Any, Literal
 
 from raymap.jit.kernels import inner_kernel, stage_kernel
 from raymap.jit.types import F64
+from raymap.laws import tabulated
+from raymap.laws.law import Law as StoredLaw
+from raymap.laws.tabulated import MeasuredBsdf, TabulatedLaw, eval_tabulated, tabulated_share
 from tracer.compiled import S_REFLECTED, S_TRANSMITTED, TABULATED
 from tracer.description.fields import Finite, Node
-from tracer.optics import bsdf
-from tracer.optics.bsdf import eval_tabulated, sample_tabulated, tabulated_share
+from tracer.optics.bsdf import sample_tabulated
 from tracer.rays.random import five_uniform
 from tracer.surfaces.interaction import (
     ABSORBED,
@@ -92,15 +94,22 @@ class Tabulated(Surface):
         for column, given in ((S_REFLECTED, self.reflected), (S_TRANSMITTED, self.transmitted)):
             if given is None:
                 continue
-            table = bsdf.tabulated_bsdf(
+            table = tabulated.tabulated_bsdf(
                 given.theta_i_deg, given.theta_o_deg, given.phi_deg, given.values, name=row.name
             )
             row.integers[column] = row.pool.add(table)
             shares.append(table)
-        bsdf.check_energy(
-            lambda cosine: sum(float(bsdf.tabulated_share(t, 0, cosine)) for t in shares),
+        tabulated.check_energy(
+            lambda cosine: sum(float(tabulated.tabulated_share(t, 0, cosine)) for t in shares),
             name=row.name,
         )
+
+    def stated(self, row: SurfaceRow) -> StoredLaw | None:
+        sides = (
+            None if given is None else MeasuredBsdf(**given.model_dump())
+            for given in (self.reflected, self.transmitted)
+        )
+        return TabulatedLaw(reflected=next(sides), transmitted=next(sides))
 
     def transmits(self) -> bool:
         return self.transmitted is not None

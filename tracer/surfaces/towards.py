@@ -11,6 +11,7 @@ import math
 
 from raymap.jit.kernels import inner_kernel, number
 from raymap.jit.types import F64, I64
+from raymap.optics.frames import frame_about
 from tracer.compiled import (
     DIELECTRIC,
     LAMBERTIAN,
@@ -54,11 +55,7 @@ def scattered_towards(
     if tables is None or cos_i <= 0.0 or cos_o == 0.0:
         return False
     # Local frame: z along the normal on the side of the incident ray
-    sign = 1.0 if nz >= 0.0 else -1.0
-    a = -1.0 / (sign + nz)
-    b = nx * ny * a
-    ux, uy, uz = 1.0 + sign * nx * nx * a, sign * b, -sign * nx
-    vx, vy, vz = b, sign + ny * ny * a, -ny
+    ux, uy, uz, vx, vy, vz = frame_about(nx, ny, nz)
     ix, iy = -(dx * ux + dy * uy + dz * uz), -(dx * vx + dy * vy + dz * vz)
     px, py = ox * ux + oy * uy + oz * uz, ox * vx + oy * vy + oz * vz
     if kind in (MIRROR, DIELECTRIC):

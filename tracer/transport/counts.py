@@ -1,13 +1,8 @@
 """What a trace counted, as flux with its standard error.
 
-A ray of weight w that source s emitted carries the flux w y Φ_s/N_s, N_s being the rays (emissions,
-where they split) that the source sent, and y the worth of its colour, 1 for flux in watt
-(`raymap.optics.photometry`). So sums are kept by groups of sources of one Φ_s/N_s and one colour
-until the trace has ended:
-
-    flux = Σ_s Φ_s/N_s Σwy,    se² = Σ_s (Φ_s/N_s)² [Σ(wy)² - (Σwy)²/N_s],
-
-wy being all that one emission brings to the place that is asked for.
+A ray of weight w counts as w y, y being the worth of its colour, 1 for flux in watt
+(`raymap.optics.photometry`), and brings the flux w y Φ_s/N_s (`raymap.optics.fluxes`). So sums are
+kept by groups of sources of one Φ_s/N_s and one colour until the trace has ended.
 """
 
 from __future__ import annotations
@@ -19,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.model.doubt import with_doubts
+from raymap.optics.fluxes import flux_per_ray, spread
 
 __all__ = ["Count", "Counts", "DetectorCount", "add_counts"]
 
@@ -53,16 +49,13 @@ class Count:
     @property
     def factors(self) -> Array:
         """(G,) flux of a ray of weight 1."""
-        return np.divide(
-            self.source_flux, self.emitted, out=np.zeros(len(self.emitted)), where=self.emitted > 0
-        )
+        return flux_per_ray(self.source_flux, self.emitted)
 
     @property
     def spread(self) -> Array:
         """(G, …) squared standard error of Σwy."""
-        counted = np.where(self.emitted > 0, self.emitted, np.inf)
-        shape = (-1, *[1] * (self.sums.ndim - 1))
-        return np.asarray(np.maximum(self.squares - self.sums**2 / counted.reshape(shape), 0.0))
+        sent = self.emitted.reshape(-1, *[1] * (self.sums.ndim - 1))
+        return spread(sent, self.sums, self.squares)
 
     @property
     def flux(self) -> Array:

@@ -21,6 +21,7 @@ from raymap.jit.kernels import (
 )
 from raymap.jit.types import F64, I64
 from raymap.model.events import Event
+from raymap.optics.frames import unit_factor
 from tracer.compiled import (
     B_MEDIUM,
     DEPTH,
@@ -326,8 +327,7 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
                             dx -= 2.0 * along * nx
                             dy -= 2.0 * along * ny
                             dz -= 2.0 * along * nz
-                    # Keep the direction of unit length: its error would grow fivefold a reflection
-                    scale = 1.5 - 0.5 * (dx * dx + dy * dy + dz * dz)
+                    scale = unit_factor(dx, dy, dz)
                     dx, dy, dz = scale * dx, scale * dy, scale * dz
                     if crosses:
                         nest = beyond

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from raymap.jit.kernels import inner_kernel, lean_kernel
 from raymap.jit.types import F64, I64
+from raymap.laws.phase import eval_phase
 from raymap.model.events import Event
 from raymap.model.portion import Portion
 from raymap.optics.cells import is_pinhole
@@ -40,7 +41,6 @@ from tracer.compiled import (
 )
 from tracer.geometry.mesh_arrays import MeshArrays, MeshScratch, mesh_scratch
 from tracer.geometry.mesh_hits import nearest_on_meshes
-from tracer.optics.phase import eval_phase
 from tracer.sources.linking import link_sources
 from tracer.sources.towards import emitted_towards
 from tracer.surfaces.linking import link_surfaces

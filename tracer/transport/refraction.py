@@ -13,6 +13,8 @@ import numpy as np
 
 from raymap.jit.kernels import inner_kernel, unsigned
 from raymap.jit.types import F64, I64, Integer
+from raymap.optics.frames import unit_factor
+from raymap.optics.fresnel import cos2_refracted, partial_reflectance
 from tracer.compiled import M_DISPERSIVE, S_MODEL, SURFACE_ROW
 from tracer.geometry.kinds import SPHERE
 from tracer.geometry.nearest import DISTANCE
@@ -83,7 +85,7 @@ def meet_face(table: F64, face: int, kind: int, f: F64, row: Integer, size: int)
         f[_ETA, j] = f[_N1, j] / f[_N2, j]
     for j in range(size):
         eta, cos_i = f[_ETA, j], min(1.0, abs(f[_COSINE, j]))
-        f[_COS2, j] = 1.0 - eta * eta * (1.0 - cos_i * cos_i)
+        f[_COS2, j] = cos2_refracted(eta, cos_i)
 
 
 @inner_kernel
@@ -96,11 +98,7 @@ def reflectance(surface_i: I64, surface_f: F64, surface: int, f: F64, size: int)
     for j in range(size):
         n1, n2 = f[_N1, j], f[_N2, j]
         cos_i, cos_t = min(1.0, abs(f[_COSINE, j])), math.sqrt(max(f[_COS2, j], 0.0))
-        a, b = n1 * cos_i, n2 * cos_t
-        c, d = n2 * cos_i, n1 * cos_t
-        s, p = (a - b) * (c + d), (c - d) * (a + b)
-        below = (a + b) * (c + d)
-        f[_SCRATCH, j] = 0.5 * (s * s + p * p) / (below * below)
+        f[_SCRATCH, j] = partial_reflectance(n1, n2, cos_i, cos_t)
 
 
 @inner_kernel
@@ -128,7 +126,7 @@ def turn(f: F64, size: int) -> None:
             f[AFTER + k, j] = f[_SCRATCH, j] * f[3 + k, j] + f[_ALONG, j] * f[NORMAL + k, j]
     for j in range(size):
         ex, ey, ez = f[AFTER, j], f[AFTER + 1, j], f[AFTER + 2, j]
-        f[_SCRATCH, j] = 1.5 - 0.5 * (ex * ex + ey * ey + ez * ez)
+        f[_SCRATCH, j] = unit_factor(ex, ey, ez)
     for k in range(3):
         for j in range(size):
             f[AFTER + k, j] *= f[_SCRATCH, j]

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from raymap.jit.kernels import inline_kernel, inner_kernel, lean_kernel
 from raymap.jit.types import F64, I32, I64
 from raymap.model.events import Event
+from raymap.optics.frames import unit_factor
 from tracer.compiled import R_RAYS, R_SPLITS, RareLight
 from tracer.rays.colors import COLORS
 from tracer.rays.random import stream_state
@@ -206,7 +207,7 @@ def _release(
         d[0] -= 2.0 * along * nx
         d[1] -= 2.0 * along * ny
         d[2] -= 2.0 * along * nz
-    scale = 1.5 - 0.5 * (d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+    scale = unit_factor(d[0], d[1], d[2])
     for k in range(3):
         live_f[3 + k, i] = scale * d[k]
     live_f[WEIGHT, i] = d[3]

@@ -25,7 +25,7 @@ from tracer.optics.phase import pdf_phase
 from tracer.rays.random import advance, uniform
 from tracer.transport.aiming import aim_at, count_targets, pdf_aim
 
-__all__ = ["aim_or_keep", "aim_scattered", "balance", "frame_about", "likely_enough", "thin_out"]
+__all__ = ["aim_or_keep", "aim_scattered", "balance", "likely_enough", "thin_out"]
 
 Directed = tuple[float, float, float, float, np.uint64]
 
@@ -46,15 +46,6 @@ def likely_enough(share: float, least: float) -> float:
     if share <= 0.0:
         return 0.0
     return share if share >= 1.0 else max(share, least)
-
-
-@inner_kernel
-def frame_about(nx: float, ny: float, nz: float) -> tuple[float, float, float, float, float, float]:
-    """Two unit vectors across a normal."""
-    sign = 1.0 if nz >= 0.0 else -1.0
-    a = -1.0 / (sign + nz)
-    b = nx * ny * a
-    return 1.0 + sign * nx * nx * a, sign * b, -sign * nx, b, sign + ny * ny * a, -ny
 
 
 @inner_kernel

@@ -8,12 +8,13 @@ import numpy as np
 
 from raymap.jit.kernels import inline_kernel, inner_kernel
 from raymap.jit.types import F64, I64
+from raymap.optics.frames import frame_about, frame_towards
 from tracer.compiled import R_LEAST, S_SCATTER, S_STRIDE, RareLight
-from tracer.optics.abg import pdf_radial, sample_radial
+from tracer.optics.radial import pdf_radial, sample_radial
 from tracer.rays.colors import COLORS, pick_channel, recolor
 from tracer.rays.random import advance, uniform
 from tracer.surfaces.specular import scattered_parts
-from tracer.transport.weighted_aim import aim_or_keep, balance, frame_about, likely_enough
+from tracer.transport.weighted_aim import aim_or_keep, balance, likely_enough
 
 __all__ = ["scatter"]
 
@@ -65,11 +66,8 @@ def _scatter_by_law(
         code = pick_channel(colors, code, uniform(state))
         table += code * surface_i[surface, S_STRIDE]
     # Frame with x along the projection of the specular direction
-    if beta > 1e-12:
-        ux, uy, uz = (dx - along * nx) / beta, (dy - along * ny) / beta, (dz - along * nz) / beta
-    else:
-        ux, uy, uz, _, _, _ = frame_about(nx, ny, nz)
-    vx, vy, vz = ny * uz - nz * uy, nz * ux - nx * uz, nx * uy - ny * ux
+    sx, sy, sz, _, _, _ = frame_about(nx, ny, nz)
+    _, ux, uy, uz, vx, vy, vz = frame_towards(nx, ny, nz, dx, dy, dz, sx, sy, sz)
     a = advance(state)
     state = advance(a)
     px, py, pz = sample_radial(tables, table, beta, 0.0, uniform(a), uniform(state))

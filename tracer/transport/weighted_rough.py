@@ -9,6 +9,7 @@ import numpy as np
 from raymap.jit.kernels import inner_kernel, number
 from raymap.jit.types import F64, I64
 from raymap.model.events import Event
+from raymap.optics.frames import frame_about
 from tracer.compiled import (
     M_DISPERSIVE,
     R_LEAST,
@@ -36,7 +37,7 @@ from tracer.surfaces.law import density_by_law, draw_by_law, event_by_law, share
 from tracer.surfaces.metals import metal_reflectance
 from tracer.surfaces.retroreflector import sample_retroreflector
 from tracer.surfaces.tabulated import sample_measured
-from tracer.transport.weighted_aim import aim_or_keep, balance, frame_about, likely_enough
+from tracer.transport.weighted_aim import aim_or_keep, balance, likely_enough
 
 __all__ = ["meet_diffuse", "meet_law", "meet_measured", "meet_rough"]
 

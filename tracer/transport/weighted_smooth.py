@@ -13,6 +13,7 @@ import numpy as np
 from raymap.jit.kernels import inner_kernel
 from raymap.jit.types import F64, I64
 from raymap.model.events import Event
+from raymap.optics.fresnel import cos2_refracted, fresnel_reflectance
 from tracer.compiled import (
     M_DISPERSIVE,
     R_LEAST,
@@ -22,7 +23,6 @@ from tracer.compiled import (
     SURFACE_ROW,
     RareLight,
 )
-from tracer.optics.fresnel import fresnel_reflectance
 from tracer.rays.colors import COLORS, pick_channel, recolor
 from tracer.rays.random import advance, uniform
 from tracer.surfaces.dielectric import coating
@@ -92,7 +92,7 @@ def meet_smooth(
     r, t = _shares(surface_i, surface_f, medium_f, tables, surface, medium, other, cos_i, k)
     n1, n2 = medium_f[medium, k], medium_f[other, k]
     eta = n1 / n2
-    cos2_t = 1.0 - eta * eta * (1.0 - cos_i * cos_i)
+    cos2_t = cos2_refracted(eta, cos_i)
     state = advance(state)
     reflects = not splits and uniform(state) < likely_enough(r, least)
     turned = 2.0 * cos_i

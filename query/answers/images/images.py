@@ -18,12 +18,12 @@ from query.engine.scan import Cancel, Progress, Scan
 from query.engine.search import Found
 from query.engine.second_try import asked_again
 from query.engine.tally import sums as weighted_counts
-from query.engine.tally import variances
 from raymap.model.directory import Detector
 from raymap.model.errors import RayMapError
 from raymap.model.limits import PICTURE_FLOOR, PICTURE_PER_BYTE, affordable
 from raymap.model.rows import squares_by_emission
 from raymap.optics.cells import is_pinhole
+from raymap.optics.fluxes import variances
 from raymap.optics.photometry import Photometry, colors_of_codes
 
 if TYPE_CHECKING:

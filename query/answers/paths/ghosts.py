@@ -17,13 +17,14 @@ from query.atoms.hit import hit, parameter
 from query.engine.context import PathContext
 from query.engine.scan import Cancel, Scan
 from query.engine.scans import count_of_ray
-from query.engine.tally import Tally, source_factors, sums, variances
+from query.engine.tally import Tally, source_factors, sums
 from query.expression.atom import Compare
 from query.expression.criterion import And, Criterion
 from query.expression.spellings import as_criterion
 from raymap.model.doubt import FOOTNOTE, is_doubtful, marked, with_doubts
 from raymap.model.errors import CriterionError
 from raymap.model.events import Event
+from raymap.optics.fluxes import variances
 
 if TYPE_CHECKING:
     from raymap.file.reader import RayMap

@@ -26,10 +26,11 @@ from query.engine.path_text import PathNames, exact_criterion, path_text
 from query.engine.scan import Cancel, Progress, Scan
 from query.engine.search import Found
 from query.engine.second_try import asked_again
-from query.engine.tally import Tally, source_factors, variances
+from query.engine.tally import Tally, source_factors
 from raymap.file.agreement import FalseFooter
 from raymap.model.doubt import FOOTNOTE, is_doubtful, marked, with_doubts
 from raymap.model.errors import RayMapError
+from raymap.optics.fluxes import variances
 from raymap.optics.photometry import ray_weights
 
 if TYPE_CHECKING:

@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 from query.answers.paths.path_sums import PathLabels, sum_over_paths
 from query.engine.context import PathColumns, PathContext
 from query.engine.scan import Cancel
-from query.engine.tally import Tally, source_factors, variances
+from query.engine.tally import Tally, source_factors
 from query.expression.names import match_indices
 from raymap.jit.kernels import kernel
 from raymap.model.doubt import with_doubts
 from raymap.model.events import FAMILIES
+from raymap.optics.fluxes import variances
 
 if TYPE_CHECKING:
     from raymap.file.reader import RayMap

@@ -20,6 +20,7 @@ from query.answers.selections.selector import bind_all
 from query.engine.scan import Cancel, Scan
 from query.engine.search import Found
 from query.engine.tally import source_factors, sums
+from raymap.optics.fluxes import spread
 from raymap.optics.photometry import ray_weights
 
 if TYPE_CHECKING:
@@ -117,12 +118,11 @@ def paired_errors(
     pairing.close()
     if not all(stream.scan.complete for stream in streams):
         return None
-    sent = np.maximum(emitted, 1).astype(np.float64)
-    own = pairing.row_square - pairing.row_sum**2 / sent[row_sources]
-    whole = pairing.source_square - pairing.source_sum**2 / sent
+    own = spread(emitted[row_sources], pairing.row_sum, pairing.row_square)
+    whole = spread(emitted, pairing.source_sum, pairing.source_square)
     return PairedErrors(
-        total=float(np.sqrt(np.maximum(whole, 0.0).sum())),
-        rows=np.sqrt(np.maximum(own, 0.0)),
+        total=float(np.sqrt(whole.sum())),
+        rows=np.sqrt(own),
         differing=pairing.differing,
     )
 

@@ -11,11 +11,12 @@ import numpy as np
 from query.answers.selections.selector import select
 from query.atoms.detected import detected
 from query.engine.scan import Cancel
-from query.engine.tally import source_factors, variances
+from query.engine.tally import source_factors
 from query.expression.criterion import Criterion
 from query.expression.spellings import as_criterion
 from raymap.model.doubt import with_doubts
 from raymap.model.units import METRES, length_scale
+from raymap.optics.fluxes import variances
 
 if TYPE_CHECKING:
     from raymap.file.reader import RayMap

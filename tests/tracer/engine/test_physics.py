@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from raymap.model.events import Event
+from raymap.optics.fresnel import fresnel_reflectance
 from tests.tracer.engine.tracing import assert_share, compiled, trace
-from tracer.optics.fresnel import fresnel_reflectance
 
 BEAM = """
 [sources.beam]

@@ -14,8 +14,8 @@ import pytest
 
 from raymap.model.errors import SceneError
 from raymap.model.events import Event
+from raymap.optics.fresnel import fresnel_reflectance
 from tests.tracer.engine.tracing import Trace, compiled
-from tracer.optics.fresnel import fresnel_reflectance
 from tracer.transport.wavefront import Wavefront
 
 SCENE = """

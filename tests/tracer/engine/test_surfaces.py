@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from raymap.model.events import Event
+from raymap.optics.fresnel import fresnel_conductor, fresnel_reflectance
 from tests.tracer.engine.tracing import Trace, assert_share, trace
-from tracer.optics.fresnel import fresnel_conductor, fresnel_reflectance
 
 SHEET = """
 [surfaces.probe]
@@ -109,7 +109,7 @@ def test_rough_mirror_of_reflectance_one_keeps_all_light() -> None:
 
 
 def test_abg_scatters_its_share_about_the_specular_direction() -> None:
-    from tracer.optics.abg import abg, radial_table, scatter_share
+    from raymap.laws.radial import abg, radial_table, scatter_share
 
     table = radial_table(abg(0.01, 0.01, 2.0))
     expected = scatter_share(table, 0, math.sin(math.radians(30)))

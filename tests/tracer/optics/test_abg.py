@@ -7,9 +7,10 @@ import math
 import numpy as np
 import pytest
 
+from raymap.laws import radial as scatter
 from raymap.model.errors import SceneError
 from tests.tracer.chi2 import chi2_sphere
-from tracer.optics import abg as scatter
+from tracer.optics import radial
 
 
 def test_abg_of_power_two_has_a_closed_total() -> None:
@@ -52,11 +53,11 @@ def test_samples_follow_the_bsdf(law, angle: float) -> None:  # type: ignore[no-
     beta = math.sin(math.radians(angle))
     beta_x, beta_y = beta * math.cos(0.4), beta * math.sin(0.4)
     u = np.random.default_rng(7).random((60_000, 2))
-    out = np.array([scatter.sample_radial(table, 3, beta_x, beta_y, a, b) for a, b in u])
+    out = np.array([radial.sample_radial(table, 3, beta_x, beta_y, a, b) for a, b in u])
     np.testing.assert_allclose(np.linalg.norm(out, axis=1), 1.0)
     chi2_sphere(
         out,
-        lambda x, y, z: scatter.pdf_radial(table, 3, beta_x, beta_y, x, y, z),
+        lambda x, y, z: radial.pdf_radial(table, 3, beta_x, beta_y, x, y, z),
         cells=(24, 24),
         gauss=14,
         significance=1e-5,

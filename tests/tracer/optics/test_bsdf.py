@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from raymap.laws import lambertian, sheet, tabulated
+from raymap.laws.retroreflector import pdf_retro
 from raymap.model.errors import SceneError
 from tests.tracer.chi2 import chi2_line, chi2_sphere
 from tracer.optics import bsdf
@@ -26,7 +28,7 @@ def uniforms(n: int, columns: int, seed: int = 3) -> NDArray[np.float64]:
 def test_lambert(side: float) -> None:
     out = np.array([bsdf.sample_lambert(a, b, side) for a, b in uniforms(60_000, 2)])
     chi2_sphere(out, lambda _x, _y, z: bsdf.pdf_lambert(z, side))
-    assert bsdf.eval_lambert(0.6) * math.pi == pytest.approx(0.6)
+    assert lambertian.eval_lambert(0.6) * math.pi == pytest.approx(0.6)
 
 
 @pytest.mark.parametrize(("angle", "spread"), [(0.0, 20.0), (50.0, 10.0), (85.0, 30.0)])
@@ -40,14 +42,14 @@ def test_retro(angle: float, spread: float) -> None:
         chi2_line(out @ wi, lambda _c: 1 / (1 - cosine), np.linspace(cosine, 1, 20))
     else:
         chi2_sphere(
-            out, lambda x, y, z: bsdf.pdf_retro(*wi, x, y, z, cosine), gauss=40, cells=(16, 16),
+            out, lambda x, y, z: pdf_retro(*wi, x, y, z, cosine), gauss=40, cells=(16, 16),
             significance=1e-6,
         )  # fmt: skip
     # The density counts how often a direction is reached
     once = 1 / (2 * math.pi * (1 - cosine))
     norm = math.hypot(wi[0], wi[1]) or 1.0
-    assert bsdf.pdf_retro(*wi, *wi, cosine) == pytest.approx(once * (2 if angle == 85 else 1))
-    grazing = bsdf.pdf_retro(*wi, wi[0] / norm, wi[1] / norm, 1e-9, cosine)
+    assert pdf_retro(*wi, *wi, cosine) == pytest.approx(once * (2 if angle == 85 else 1))
+    grazing = pdf_retro(*wi, wi[0] / norm, wi[1] / norm, 1e-9, cosine)
     assert grazing == pytest.approx(2 * once if angle == 85 else 0.0)
     assert bsdf.sample_retro(*wi, 1.0, 0.3, 0.4) == wi
 
@@ -60,7 +62,7 @@ def lobe_table(full: bool) -> NDArray[np.float64]:
     i, o, p = np.meshgrid(*(np.radians(a) for a in (theta_i, theta_o, phi)), indexing="ij")
     cosine = np.sin(i) * np.sin(o) * np.cos(p) + np.cos(i) * np.cos(o)
     values = 0.05 + 0.4 * np.maximum(cosine, 0) ** 8 * (1 + 0.5 * np.sin(p) * full)
-    return np.concatenate((np.zeros(5), bsdf.tabulated_bsdf(theta_i, theta_o, phi, values)))
+    return np.concatenate((np.zeros(5), tabulated.tabulated_bsdf(theta_i, theta_o, phi, values)))
 
 
 @pytest.mark.parametrize(
@@ -82,30 +84,30 @@ def test_tables_are_sampled_as_evaluated(full: bool, angle: float, side: float) 
 
 
 def test_a_constant_table_is_lambertian() -> None:
-    table = bsdf.tabulated_bsdf(
+    table = tabulated.tabulated_bsdf(
         [0.0, 80.0], np.arange(0, 91, 10.0), np.arange(0, 181, 30.0), np.full((2, 10, 7), 0.2)
     )
     for angle in (0.0, 33.0, 89.0):
-        assert bsdf.tabulated_share(table, 0, math.cos(math.radians(angle))) == pytest.approx(
+        assert tabulated.tabulated_share(table, 0, math.cos(math.radians(angle))) == pytest.approx(
             0.2 * math.pi
         )
-    assert bsdf.eval_tabulated(table, 0, *incident(20, 0), *incident(50, 77), 1.0) == 0.2
-    assert bsdf.eval_tabulated(table, 0, *incident(20, 0), 0.0, 0.0, -1.0, 1.0) == 0.0
+    assert tabulated.eval_tabulated(table, 0, *incident(20, 0), *incident(50, 77), 1.0) == 0.2
+    assert tabulated.eval_tabulated(table, 0, *incident(20, 0), 0.0, 0.0, -1.0, 1.0) == 0.0
 
 
 def test_the_lobe_points_to_the_specular_ray() -> None:
     table = lobe_table(False)
     wi = incident(60.0, 30.0)
-    ahead = bsdf.eval_tabulated(table, 5, *wi, -wi[0], -wi[1], wi[2], 1.0)
-    back = bsdf.eval_tabulated(table, 5, *wi, *wi, 1.0)
+    ahead = tabulated.eval_tabulated(table, 5, *wi, -wi[0], -wi[1], wi[2], 1.0)
+    back = tabulated.eval_tabulated(table, 5, *wi, *wi, 1.0)
     assert ahead > 5 * back
 
 
 def test_filter_follows_the_longer_path() -> None:
-    assert bsdf.filter_transmittance(0.5, 1.0, 1.0, 1.5) == 0.5
+    assert sheet.filter_transmittance(0.5, 1.0, 1.0, 1.5) == 0.5
     cosine = math.sqrt(1 - 0.75 / 1.5**2)
-    assert bsdf.filter_transmittance(0.5, 0.5, 1.0, 1.5) == pytest.approx(0.5 ** (1 / cosine))
-    assert bsdf.filter_transmittance(0.0, 0.5, 1.0, 1.5) == 0.0
+    assert sheet.filter_transmittance(0.5, 0.5, 1.0, 1.5) == pytest.approx(0.5 ** (1 / cosine))
+    assert sheet.filter_transmittance(0.0, 0.5, 1.0, 1.5) == 0.0
 
 
 @pytest.mark.parametrize(
@@ -122,12 +124,12 @@ def test_filter_follows_the_longer_path() -> None:
 )
 def test_bad_tables_are_refused(arguments, words: str) -> None:  # type: ignore[no-untyped-def]
     with pytest.raises(SceneError, match=words):
-        bsdf.tabulated_bsdf(*arguments, name="bad")
+        tabulated.tabulated_bsdf(*arguments, name="bad")
 
 
 def test_energy_check_names_the_angle() -> None:
-    bsdf.check_energy(lambda _cosine: 1.0)
+    tabulated.check_energy(lambda _cosine: 1.0)
     with pytest.raises(SceneError, match=r"'paint' creates energy.* at 89\.9 degrees"):
-        bsdf.check_energy(lambda cosine: 1.2 - cosine, name="paint")
+        tabulated.check_energy(lambda cosine: 1.2 - cosine, name="paint")
     with pytest.raises(SceneError, match="not a number"):
-        bsdf.check_energy(lambda _cosine: math.nan)
+        tabulated.check_energy(lambda _cosine: math.nan)

@@ -10,10 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from raymap.laws.stack import layer_coating
+from raymap.laws.table import coating_share, constant_coating, tabulated_coating
 from raymap.model.errors import SceneError
-from tracer.optics import coatings
-from tracer.optics.coatings import Layer, coating_share, layer_coating, stack_shares
-from tracer.optics.fresnel import fresnel_reflectance
+from raymap.optics.fresnel import fresnel_reflectance
+from raymap.optics.stacks import Layer, stack_shares
 
 
 def layer(index: complex, thickness: float) -> Layer:
@@ -78,7 +79,7 @@ def test_total_reflection_stays_total_but_for_absorbing_layers() -> None:
         cosine = math.cos(math.radians(angle))
         assert coating_share(clear, 0, 1.5, 1.0, cosine) == (pytest.approx(1.0), 0.0)
         assert coating_share(metal, 0, 1.5, 1.0, cosine)[0] < 0.99
-    constant = coatings.constant_coating([0.002])[0]
+    constant = constant_coating([0.002])[0]
     assert coating_share(constant, 0, 1.5, 1.0, 0.5) == (1.0, 0.0)
     assert coating_share(constant, 0, 1.5, 1.0, 0.9) == pytest.approx((0.002, 0.998))
 
@@ -101,7 +102,7 @@ def test_the_table_follows_the_stack() -> None:
 
 
 def test_measured_tables() -> None:
-    table = coatings.tabulated_coating(
+    table = tabulated_coating(
         [550.0], [500, 600], [0, 60, 90], [[0.1, 0.2, 1.0], [0.3, 0.4, 1.0]],
         [[0.8, 0.7, 0.0], [0.6, 0.5, 0.0]],
     )[0]  # fmt: skip
@@ -116,18 +117,16 @@ def test_measured_tables() -> None:
 @pytest.mark.parametrize(
     ("build", "words"),
     [
-        (lambda: coatings.constant_coating([1.2]), "between 0 and 1"),
+        (lambda: constant_coating([1.2]), "between 0 and 1"),
         (
-            lambda: coatings.tabulated_coating(
-                [550], [500, 600], [0], [[0.5], [0.6]], [[0.3], [0.6]]
-            ),
+            lambda: tabulated_coating([550], [500, 600], [0], [[0.5], [0.6]], [[0.3], [0.6]]),
             r"creates energy: R \+ T = 1.2 at 600 nm and 0 degrees",
         ),
         (
-            lambda: coatings.tabulated_coating([650], [500, 600], [0], [[0], [0]], [[1], [1]]),
+            lambda: tabulated_coating([650], [500, 600], [0], [[0], [0]], [[1], [1]]),
             "trace needs it at 650 nm",
         ),
-        (lambda: coatings.tabulated_coating([550], [500, 600], [0], [[0]], [[1]]), "of that shape"),
+        (lambda: tabulated_coating([550], [500, 600], [0], [[0]], [[1]]), "of that shape"),
         (lambda: layer_coating([1], [1.5], [layer(1.5 - 0.1j, 10)], [500]), "positive k"),
         (lambda: layer_coating([1], [1.5], [layer(1.5, -1)], [500]), "no sound thickness"),
         (lambda: layer_coating([1, 1], [1.5, 1.5], [layer(1.5, 1)], [500, 600]), "2 wavelengths"),

@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from raymap.laws import phase
 from raymap.model.errors import SceneError
 from tests.tracer.chi2 import chi2_line
-from tracer.optics import phase
+from tracer.optics import phase as draws
 
 EMPTY = np.zeros(0)
 
@@ -37,14 +38,14 @@ def test_generalized_spot_values(spot: tuple[float, ...]) -> None:
         assert phase.eval_phase(row, EMPTY, mu) == pytest.approx(expected, rel=1e-8)
     assert phase.mean_cosine(row) == pytest.approx(mean, abs=2e-10)
     for u, expected in ((0.1, low), (0.5, middle), (0.9, high)):
-        assert phase.sample_phase(row, EMPTY, u) == pytest.approx(expected, abs=1e-9)
+        assert draws.sample_phase(row, EMPTY, u) == pytest.approx(expected, abs=1e-9)
 
 
 @settings(deadline=None, max_examples=60)
 @given(st.floats(-0.99, 0.99), st.floats(-3.0, 200.0), st.floats(0.0, 0.9999))
 def test_generalized_distribution_is_inverted(g: float, gamma: float, u: float) -> None:
     """The probability up to the drawn cosine is the uniform number (by quadrature in log space)."""
-    mu = phase.sample_generalized(g, gamma, u)
+    mu = draws.sample_generalized(g, gamma, u)
     assert -1.0 <= mu <= 1.0
     nodes, weights = np.polynomial.legendre.leggauss(60)
     # Substitute x = log(1 + g² - 2 g mu), in which the density is an exponential
@@ -68,8 +69,8 @@ def test_generalized_distribution_is_inverted(g: float, gamma: float, u: float) 
 @settings(deadline=None)
 @given(st.floats(-0.999, 0.999), st.floats(0.0, 1.0, exclude_max=True))
 def test_henyey_greenstein_is_the_general_form(g: float, u: float) -> None:
-    assert phase.sample_henyey_greenstein(g, u) == pytest.approx(
-        phase.sample_generalized(g, 1.5, u), abs=1e-9
+    assert draws.sample_henyey_greenstein(g, u) == pytest.approx(
+        draws.sample_generalized(g, 1.5, u), abs=1e-9
     )
     mu = 2 * u - 1
     assert phase.eval_henyey_greenstein(g, mu) == pytest.approx(
@@ -107,11 +108,11 @@ def _rows() -> list[tuple[str, np.ndarray, np.ndarray]]:
 def test_samples_follow_the_density(case: tuple[str, np.ndarray, np.ndarray]) -> None:
     _, row, tables = case
     uniform = np.random.default_rng(5).random(200_000)
-    drawn = np.array([phase.sample_phase(row, tables, u) for u in uniform])
+    drawn = np.array([draws.sample_phase(row, tables, u) for u in uniform])
     assert np.all(np.diff(drawn[np.argsort(uniform)]) >= -1e-12)
     chi2_line(
         drawn,
-        lambda mu: 2 * np.pi * phase.pdf_phase(row, tables, mu),
+        lambda mu: 2 * np.pi * draws.pdf_phase(row, tables, mu),
         np.concatenate((np.linspace(-1, 0.9, 20), 1 - np.geomspace(0.08, 1e-3, 10), [1.0])),
     )
 

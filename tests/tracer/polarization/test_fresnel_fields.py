@@ -13,13 +13,14 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from tracer.optics.fresnel import fresnel_amplitudes, fresnel_reflectance, schlick_reflectance
-from tracer.optics.polarization_fresnel import (
+from raymap.optics.frames import s_vector
+from raymap.optics.fresnel import (
     dielectric_amplitudes,
-    published_amplitudes,
-    s_vector,
-    split_field,
+    fresnel_amplitudes,
+    fresnel_reflectance,
+    schlick_reflectance,
 )
+from tracer.optics.polarization_fresnel import published_amplitudes, split_field
 
 BREWSTER = math.degrees(math.atan(1.5))
 

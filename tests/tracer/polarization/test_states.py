@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from raymap.optics.frames import transverse_axes
 from tests.tracer.lens.lenses import biconvex, parallel_ray
 from tracer.lens import trace_lens
 from tracer.optics.polarization import (
@@ -21,7 +22,6 @@ from tracer.optics.polarization import (
     linear_field,
     stokes,
     stokes_from_coherency,
-    transverse_axes,
 )
 from tracer.optics.polarization_payload import from_payload, to_payload
 from tracer.optics.polarization_rays import PolarizationError, PolarizedRays, natural_light

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from raymap.laws.phase import generalized_row, legendre_moments, rayleigh_row
 from raymap.model.errors import SceneError
 from tests.naive.adding_doubling import doubled_plate
-from tracer.optics.phase import generalized_row, legendre_moments, rayleigh_row
 from tracer.scattering.medium import ScatteringMedium
 from tracer.scattering.moments import generalized_moments
 from tracer.scattering.plate_bsdf import plate_bsdf

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tracer.optics.abg import abg
+from raymap.laws.radial import abg
 from tracer.surfaces.scatter_laws.law import ScatterLaw
 
 __all__ = ["ABG"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tracer.optics.abg import harvey_shack
+from raymap.laws.radial import harvey_shack
 from tracer.surfaces.scatter_laws.law import ScatterLaw
 
 __all__ = ["HARVEY_SHACK"]

@@ -12,7 +12,7 @@ __all__ = ["SCATTER_LAWS", "ScatterLaw"]
 
 @dataclass(frozen=True, kw_only=True)
 class ScatterLaw:
-    """A BSDF that depends only on ``rho`` = |beta - beta_0| (`tracer.optics.abg`).
+    """A BSDF that depends only on ``rho`` = |beta - beta_0| (`raymap.laws.radial`).
 
     Attributes
     ----------

@@ -21,32 +21,80 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import FailFast, Field, model_validator
 
-from raymap.jit.kernels import inner_kernel, lean_kernel
+from raymap.jit.kernels import lean_kernel
+from raymap.laws.law import Part
 from raymap.model.errors import SceneError
-from tracer.rays.directions import turned
 
 __all__ = [
+    "RADIAL_HEAD",
+    "RADIAL_NODES",
+    "RADIAL_REACH",
+    "RadialScatter",
     "abg",
     "eval_radial",
     "harvey_shack",
-    "pdf_radial",
     "radial_table",
-    "sample_radial",
     "scatter_share",
     "tabulated_radial",
 ]
 
 F64 = NDArray[np.float64]
 
-_NODES = 513
+RADIAL_NODES = 513
+"""Nodes of a table over rho."""
 _ANGLES = 65
-_LARGEST = 2.0  # the farthest two projections can be apart
-_HEAD = 4  # smallest rho, logarithmic step, whole integral to rho = 2, value below the first node
-_SIZE = _HEAD + 2 * _NODES + _ANGLES
+RADIAL_REACH = 2.0
+"""The farthest two projections can be apart."""
+RADIAL_HEAD = 4
+"""Smallest rho, logarithmic step, whole integral to rho = 2, value below the first node."""
+_SIZE = RADIAL_HEAD + 2 * RADIAL_NODES + _ANGLES
+
+
+class RadialScatter(Part):
+    """Scatter about the specular light: a law of Harvey's or ABg, or values over rho.
+
+    Attributes
+    ----------
+    abg : A, B, g
+    harvey_shack : b, width, s
+    rho, value : a measured BSDF [1/sr]
+    reference_nm : wavelength of the numbers, from which they are scaled; 0 they hold at all
+    """
+
+    abg: tuple[float, float, float] | None = None
+    harvey_shack: tuple[float, float, float] | None = None
+    rho: Annotated[tuple[float, ...], FailFast()] = ()
+    value: Annotated[tuple[float, ...], FailFast()] = ()
+    reference_nm: Annotated[float, Field(ge=0.0)] = 0.0
+
+    @model_validator(mode="after")
+    def _check(self) -> RadialScatter:
+        if (self.abg is not None) + (self.harvey_shack is not None) + bool(self.rho) != 1:
+            raise ValueError("scatter is abg, harvey_shack, or rho and value")
+        return self
+
+    def bsdf(self, wavelength_nm: float) -> Callable[[F64], F64]:
+        """BSDF [1/sr] over rho at a wavelength."""
+        if self.rho:
+            return tabulated_radial(self.rho, self.value)
+        scaled = {"wavelength_nm": wavelength_nm, "reference_nm": self.reference_nm}
+        if self.abg is not None:
+            return abg(*self.abg, **scaled)
+        assert self.harvey_shack is not None
+        return harvey_shack(*self.harvey_shack, **scaled)
+
+    def tables(self, wavelengths_nm: ArrayLike, name: str = "") -> F64:
+        """(n, size) tables for `eval_radial`: one, or one per channel where they are scaled."""
+        wavelengths = np.asarray(wavelengths_nm, np.float64)
+        if self.reference_nm <= 0.0 or self.rho:
+            return radial_table(self.bsdf(0.0), name=name)[None]
+        return np.stack([radial_table(self.bsdf(float(nm)), name=name) for nm in wavelengths])
 
 
 @lean_kernel
@@ -56,36 +104,12 @@ def eval_radial(table: F64, first: int, rho: float) -> float:
         return float(table[first + 3])
     x = math.log(rho / table[first]) / table[first + 1]
     low = int(x)
-    if low >= _NODES - 1:
-        return 0.0 if rho > _LARGEST * (1.0 + 1e-12) else float(table[first + _HEAD + _NODES - 1])
-    a = math.log(table[first + _HEAD + low])
-    b = math.log(table[first + _HEAD + low + 1])
+    if low >= RADIAL_NODES - 1:
+        last = float(table[first + RADIAL_HEAD + RADIAL_NODES - 1])
+        return 0.0 if rho > RADIAL_REACH * (1.0 + 1e-12) else last
+    a = math.log(table[first + RADIAL_HEAD + low])
+    b = math.log(table[first + RADIAL_HEAD + low + 1])
     return math.exp(a + (x - low) * (b - a))
-
-
-@inner_kernel
-def _sample_rho(table: F64, first: int, u: float) -> float:
-    """Distance from the specular ray with density proportional to f(rho) rho, up to rho = 2."""
-    cumulative = first + _HEAD + _NODES
-    low, high = 0, _NODES - 1
-    if u < table[cumulative]:
-        return float(table[first] * math.sqrt(u / table[cumulative]))
-    while high - low > 1:
-        middle = (low + high) // 2
-        if table[cumulative + middle] <= u:
-            low = middle
-        else:
-            high = middle
-    part = table[cumulative + low + 1] - table[cumulative + low]
-    share = (u - table[cumulative + low]) / part if part > 0.0 else 0.5
-    # Invert the power law rho^(k + 1) of the interval, k the slope of f in the logarithms
-    step = table[first + 1]
-    left = table[first] * math.exp(low * step)
-    fall = math.log(table[first + _HEAD + low + 1] / table[first + _HEAD + low]) / step
-    growth = (fall + 2.0) * step
-    if abs(growth) < 1e-9:
-        return float(left * math.exp(share * step))
-    return float(left * math.exp(math.log1p(share * math.expm1(growth)) / (fall + 2.0)))
 
 
 @lean_kernel
@@ -93,62 +117,8 @@ def scatter_share(table: F64, first: int, beta: float) -> float:
     """Total integrated scatter TIS for a specular ray whose projection has length ``beta``."""
     x = min(1.0, max(0.0, beta)) * (_ANGLES - 1)
     low = min(_ANGLES - 2, int(x))
-    k = first + _HEAD + 2 * _NODES + low
+    k = first + RADIAL_HEAD + 2 * RADIAL_NODES + low
     return float(table[k] + (x - low) * (table[k + 1] - table[k]))
-
-
-@lean_kernel
-def sample_radial(
-    table: F64, first: int, beta_x: float, beta_y: float, u1: float, u2: float
-) -> tuple[float, float, float]:
-    """A scattered direction around the specular one.
-
-    Parameters
-    ----------
-    table, first : flat pool and where the table of `radial_table` stands in it
-    beta_x, beta_y : projection of the specular direction on the surface
-    u1, u2 : uniform numbers; if the draw falls beyond the horizon, further ones are derived
-
-    Returns
-    -------
-    x, y, z : unit direction, z >= 0 on the side of the specular ray; the density of (x, y) is
-        f / TIS over the unit disc: per solid angle f z / TIS
-    """
-    a, b = u1, u2
-    for _ in range(64):
-        rho = _sample_rho(table, first, a)
-        cosine, sine = turned(b)
-        x, y = beta_x + rho * cosine, beta_y + rho * sine
-        square = x * x + y * y
-        if square < 1.0:
-            return x, y, math.sqrt(1.0 - square)
-        # Draw again: stretch the low digits of both numbers
-        a, b = _again(a, b), _again(b, a + 0.5)
-    return beta_x, beta_y, math.sqrt(max(0.0, 1.0 - beta_x * beta_x - beta_y * beta_y))
-
-
-@inner_kernel
-def _again(a: float, b: float) -> float:
-    """A further uniform number from two, by SplitMix64's mixing of their digits."""
-    word = np.uint64(a * 9007199254740992.0) * np.uint64(0x9E3779B97F4A7C15)
-    word ^= np.uint64((b - math.floor(b)) * 9007199254740992.0)
-    word = (word ^ (word >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    word = (word ^ (word >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    word ^= word >> np.uint64(31)
-    return (word >> np.uint64(11)) * (1.0 / 9007199254740992.0)
-
-
-@lean_kernel
-def pdf_radial(
-    table: F64, first: int, beta_x: float, beta_y: float, x: float, y: float, z: float
-) -> float:
-    """Density of `sample_radial` per solid angle of the direction (x, y, z), z > 0."""
-    if z <= 0.0:
-        return 0.0
-    share = scatter_share(table, first, math.hypot(beta_x, beta_y))
-    if share <= 0.0:
-        return 0.0
-    return eval_radial(table, first, math.hypot(x - beta_x, y - beta_y)) * z / share
 
 
 def abg(
@@ -196,8 +166,8 @@ def radial_table(law: Callable[[F64], F64], *, name: str = "") -> F64:
         if the law is not positive and finite, or scatters more light than arrives at some angle
     """
     smallest = _flat_below(law)
-    step = math.log(_LARGEST / smallest) / (_NODES - 1)
-    rho = smallest * np.exp(step * np.arange(_NODES))
+    step = math.log(RADIAL_REACH / smallest) / (RADIAL_NODES - 1)
+    rho = smallest * np.exp(step * np.arange(RADIAL_NODES))
     values = np.asarray(law(rho), np.float64)
     if not (np.all(np.isfinite(values)) and np.all(values > 0.0)):
         raise SceneError(f"surface {name!r}: its scattering law must be positive and finite")
@@ -207,11 +177,11 @@ def radial_table(law: Callable[[F64], F64], *, name: str = "") -> F64:
     factor = np.where(np.abs(growth) < 1e-9, step, np.expm1(growth) / (fall + 2.0))
     parts = 2.0 * math.pi * values[:-1] * rho[:-1] ** 2 * factor
     cumulative = np.cumsum(np.concatenate(([math.pi * values[0] * smallest**2], parts)))
-    table[:_HEAD] = smallest, step, cumulative[-1], values[0]
-    table[_HEAD : _HEAD + _NODES] = values
-    table[_HEAD + _NODES : _HEAD + 2 * _NODES] = cumulative / cumulative[-1]
-    table[_HEAD + 2 * _NODES :] = _shares(table)
-    shares = table[_HEAD + 2 * _NODES :]
+    table[:RADIAL_HEAD] = smallest, step, cumulative[-1], values[0]
+    table[RADIAL_HEAD : RADIAL_HEAD + RADIAL_NODES] = values
+    table[RADIAL_HEAD + RADIAL_NODES : RADIAL_HEAD + 2 * RADIAL_NODES] = cumulative / cumulative[-1]
+    table[RADIAL_HEAD + 2 * RADIAL_NODES :] = _shares(table)
+    shares = table[RADIAL_HEAD + 2 * RADIAL_NODES :]
     worst = int(np.argmax(shares))
     if shares[worst] > 1.0:
         angle = math.degrees(math.asin(worst / (_ANGLES - 1)))

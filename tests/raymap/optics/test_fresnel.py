@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tracer.optics import fresnel as f
+from raymap.optics import fresnel as f
 
 ANGLES = st.floats(0.0, 89.99).map(math.radians)
 INDEX = st.floats(1.0, 3.0)

@@ -1,0 +1,39 @@
+"""Surfaces without numbers of their own: what is bare obeys Fresnel, what is black absorbs."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from raymap.laws.law import InChannels, Law, Shares
+from raymap.laws.radial import RadialScatter
+from raymap.optics.fresnel import reflectance_column
+
+__all__ = ["AbsorberLaw", "FresnelLaw"]
+
+F64 = NDArray[np.float64]
+
+
+class FresnelLaw(Law):
+    """A bare smooth interface; ``scatter`` takes its share of the specular light."""
+
+    law: Literal["fresnel"] = "fresnel"
+    scatter: RadialScatter | None = None
+
+    def shares(self, channels: InChannels, n_i: F64, n_o: F64, cos_i: F64) -> Shares:
+        reflected = np.stack(
+            [reflectance_column(a, b, cos_i) for a, b in zip(n_i, n_o, strict=True)]
+        )
+        return reflected, 1.0 - reflected
+
+
+class AbsorberLaw(Law):
+    """A black surface."""
+
+    law: Literal["absorber"] = "absorber"
+
+    def shares(self, channels: InChannels, n_i: F64, n_o: F64, cos_i: F64) -> Shares:
+        nothing = np.zeros((len(n_i), len(cos_i)))
+        return nothing, nothing
