@@ -1,4 +1,5 @@
-"""Where compiled code is kept: in a folder of its own for every state of Raymap's sources.
+"""Where compiled code is kept: in a folder of its own for every state of Raymap's sources, and of
+those of the distributions that add kinds to it.
 
 Numba notices an edit of the function that it compiled, not of one in another file that became part
 of it. So nothing that an older Raymap compiled may lie where this one looks. Code that cannot be
@@ -17,6 +18,8 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from importlib.machinery import PathFinder
+from importlib.metadata import distributions
 from pathlib import Path
 from typing import Any
 
@@ -188,7 +191,30 @@ def fingerprint(root: str | os.PathLike[str] | None = None) -> str:
         lines += sorted(name for name in os.listdir(root) if name.startswith("raymap-"))
     for room in _ROOMS:
         lines += sorted(_sources(os.path.join(root, room)))
+    for folder in _plug_ins():
+        lines += sorted(_sources(folder))
     return hashlib.blake2b("\n".join(lines).encode(), digest_size=8).hexdigest()
+
+
+def _plug_ins() -> list[str]:
+    """Folders of the packages of other distributions that register kinds of ours.
+
+    Their compiled functions hold parts of ours, and parts of other files of theirs.
+    """
+    tops: dict[str, None] = {}
+    for point in (point for found in distributions() for point in found.entry_points):
+        if point.group.partition(".")[0] in _ROOMS:
+            top = point.value.partition(":")[0].partition(".")[0].strip()
+            if top not in _ROOMS:
+                tops[top] = None
+    folders = []
+    for top in sorted(tops):
+        # Finds the package without importing it
+        with contextlib.suppress(ImportError, ValueError, AttributeError):
+            spec = PathFinder.find_spec(top)
+            if spec is not None and spec.origin is not None:
+                folders.append(os.path.dirname(spec.origin))
+    return folders
 
 
 def _sources(folder: str) -> Iterator[str]:

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from raymap.jit.compilecache import fingerprint, is_own, remove_old
+from tests.plugins.installing import install, run
 
 _ROOT = Path(__file__).resolve().parents[2]
 
@@ -185,6 +186,22 @@ def test_every_change_of_the_sources_has_another_folder(tmp_path, change):
     else:
         (folder / "raymap-9.9.dist-info").mkdir()
     assert fingerprint(folder) != before
+
+
+def test_a_change_of_a_distribution_that_adds_kinds_has_another_folder(tmp_path: Path) -> None:
+    site = install(tmp_path)
+    ask = "from raymap.jit.compilecache import fingerprint; print(fingerprint())"
+
+    def found() -> str:
+        done = run(site, "-c", ask)
+        assert done.returncode == 0, done.stderr
+        return done.stdout.strip()
+
+    before = found()
+    assert found() == before != fingerprint()
+    helper = site / "raymap_example_kinds" / "drum.py"
+    helper.write_text(helper.read_text(encoding="utf-8") + "\n# changed\n", encoding="utf-8")
+    assert found() != before
 
 
 def test_other_files_do_not_count(tmp_path):
