@@ -50,7 +50,7 @@ class Entry:
     def title(self) -> str:
         """What it is, in a few words."""
         told = getattr(self.kind, "title", "") or (self.kind.__doc__ or "").partition("\n")[0]
-        return str(told).rstrip(".")
+        return str(told).rstrip(".").replace("``", "`")
 
     @property
     def spelling(self) -> str:

@@ -14,10 +14,8 @@ from tests.oracle.scenes import BODIES, DETECTORS, MEDIA, SOURCES, SURFACES, wri
 from tests.scenes import MIRROR_BALL
 from tracer.bodies.body import Body
 from tracer.bodies.mesh import MeshBody
-from tracer.detectors.model import DetectorModel
 from tracer.media.model import Phase
-from tracer.scene.model import SurfaceModel
-from tracer.sources.model import SourceModel
+from tracer.registries import REGISTRIES
 
 
 def recorded(path: Path, seed: int, reflectance: float = 0.7) -> Path:
@@ -55,10 +53,10 @@ def leaves(model: type) -> set[str]:
 
 
 def test_scenes_use_every_kind() -> None:
-    assert {table["kind"] for table in SURFACES.values()} == kinds(SurfaceModel)
-    assert {table["kind"] for table in SOURCES.values()} == kinds(SourceModel)
+    assert {table["kind"] for table in SURFACES.values()} == set(REGISTRIES["surfaces"])
+    assert {table["kind"] for table in SOURCES.values()} == set(REGISTRIES["sources"])
     used = {table.get("kind", "plane") for table in DETECTORS.values()} | {"surface"}
-    assert used == kinds(DetectorModel)
+    assert used == set(REGISTRIES["detectors"])
     phases = {
         table["scattering"].get("phase", {"kind": "isotropic"})["kind"]
         for table in MEDIA.values()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,24 +17,6 @@ __all__ = ["DetectorModel"]
 Array = NDArray[np.float64]
 Field180 = Annotated[float, Field(gt=0, lt=180)]
 
-_KEYS: dict[str, tuple[str, ...]] = {
-    "plane": (
-        "position", "looks", "up", "size", "cells", "blocking", "surface", "acceptance_deg",
-        "both_sides",
-    ),
-    "far_field": ("axis", "c0", "cells", "gamma_deg", "angles"),
-    "camera": ("position", "looks", "up", "cells", "field_deg", "aperture", "focus"),
-    "pinhole": ("position", "looks", "up", "cells", "field_deg"),
-    "surface": ("face", "cells", "side", "acceptance_deg"),
-}  # fmt: skip
-_NEEDED: dict[str, tuple[str, ...]] = {
-    "plane": ("position", "looks", "size", "cells"),
-    "far_field": ("cells",),
-    "camera": ("position", "looks", "cells", "field_deg", "aperture"),
-    "pinhole": ("position", "looks", "cells", "field_deg"),
-    "surface": ("face",),
-}
-
 
 def _parallel(a: Vector, b: Vector) -> bool:
     """Whether two directions are the same or opposite."""
@@ -43,20 +25,8 @@ def _parallel(a: Vector, b: Vector) -> bool:
 
 
 class DetectorModel(DetectorKind):
-    """A grid of cells that counts light.
+    """What detectors of the kinds that the engine knows may say; each kind has some of the keys."""
 
-    plane : a rectangle that ``looks`` in a direction, ``up`` along its v axis (without it +y, or +z
-        where it looks along y), registers light that comes from where it looks; a blocking one is
-        also an object of its name, with ``surface`` (an absorber unless given)
-    far_field : directions of light that leaves the scene, by C and gamma about ``axis``
-    camera : an ideal thin lens of diameter ``aperture``, sharp at the distance ``focus``; rays that
-        pass it register at their place in the picture
-    pinhole : the same picture through a point, by connecting every place where light scatters with
-        it; it is summed up while tracing and has no rays
-    surface : what arrives on a ``face`` ("body.face") of a body
-    """
-
-    kind: Literal["plane", "far_field", "camera", "pinhole", "surface"] = "plane"
     position: Vector = (0.0, 0.0, 0.0)
     looks: Vector = (0.0, 0.0, 1.0)
     up: Vector | None = None
@@ -75,12 +45,17 @@ class DetectorModel(DetectorKind):
     face: str = ""
     side: Literal["outside", "inside", "both"] = "outside"
 
+    keys: ClassVar[tuple[str, ...]] = ()
+    """Of the kind."""
+    needed: ClassVar[tuple[str, ...]] = ()
+    """Those that must be there."""
+
     def model_post_init(self, context: Any) -> None:
         for name in type(self).model_fields:
-            if name != "kind" and name in self.model_fields_set - set(_KEYS[self.kind]):
-                allowed = ", ".join(_KEYS[self.kind])
+            if name != "kind" and name in self.model_fields_set - set(self.keys):
+                allowed = ", ".join(self.keys)
                 raise ValueError(f"a {self.kind} detector has no {name}; its keys are {allowed}")
-        for name in _NEEDED[self.kind]:
+        for name in self.needed:
             if name not in self.model_fields_set:
                 raise ValueError(f"{name} is missing: a {self.kind} detector needs it")
         if not (is_direction(self.looks) and (self.up is None or is_direction(self.up))):
@@ -153,6 +128,3 @@ class DetectorModel(DetectorKind):
         half = math.tan(math.radians(self.field_deg / 2.0))
         longer = max(self.cells)
         return half * self.cells[0] / longer, half * self.cells[1] / longer
-
-
-KINDS = (DetectorModel,)

@@ -39,6 +39,11 @@ class FileTable:
     merge: Callable[[dict[str, Any], str, Any, Path, str], None]
     scene_suffixes: tuple[str, ...] = ()
     scene_text: Callable[[Path], str] | None = None
+
+    def spelling(self) -> str:
+        """How it is written in a scene."""
+        return f"[{self.name}.NAME]"
+
     body_suffixes: tuple[str, ...] = ()
 
 

@@ -50,7 +50,7 @@ from tracer.scene.model import Scene
 from tracer.sources.emission import deal_rays
 from tracer.sources.light_pool import LightPool, PooledList, length_in
 from tracer.sources.linking import source_number
-from tracer.sources.model import SourceModel, cone_cosine
+from tracer.sources.model import SourceModel
 from tracer.sources.source import Source
 from tracer.sources.spectra import SpectrumModel, convert_flux, source_shares
 
@@ -205,7 +205,7 @@ class SourceTable:
             row[18:21] = frame[:, 2]
             row[21] = pool.add_own(model.own())
             return FROM_KIND, UNIFORM_CONE
-        row[14] = cone_cosine(model)
+        row[14] = model.cone_cosine()
         light = self.light[k]
         area = self._area(model, light, row)
         if area != FROM_POINT and area < FROM_BOX:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from tracer.description.named_files import named_file
 from tracer.light import IntensityGrid, RayList
 from tracer.sources.source import Source
 
-__all__ = ["IntensityTable", "SourceModel", "cone_cosine"]
+__all__ = ["IntensityTable", "SourceModel"]
 
 Array = NDArray[np.float64]
 Angles = tuple[float, ...]
@@ -88,15 +88,6 @@ class IntensityTable(Node):
         return IntensityGrid.from_theta_phi(self.theta_deg, self.phi_deg, values, name=name)
 
 
-_KEYS: dict[str, tuple[str, ...]] = {
-    "collimated": ("diameter", "inner_diameter", "size", "direction", "aim", "distance"),
-    "lambertian": ("diameter", "inner_diameter", "size", "cone_deg"),
-    "point": ("cone_deg",),
-    "ring": ("diameter", "inner_diameter", "tilt_deg", "cone_deg"),
-    "picture": ("size", "file", "cone_deg"),
-    "intensity": ("intensity", "file", "light", "diameter", "size"),
-    "rays": ("file", "light", "draw", "scale", "flux_from"),
-}
 _COMMON = {
     "kind", "on", "flux", "flux_unit", "share", "spectrum", "inside", "position", "axis",
     "rotation", "direction", "aim", "distance", "polarisation",
@@ -104,25 +95,10 @@ _COMMON = {
 
 
 class SourceModel(Source):
-    """A light source of a kind that the engine knows.
-
-    collimated : parallel beam from a disc (``diameter``) or rectangle (``size``); along
-        ``direction``, or through the point ``aim`` with the given direction, starting ``distance``
-        before it
-    lambertian : disc or rectangle that emits into the half space (or ``cone_deg``) along its axis
-    point : from one point, uniform into all directions or within ``cone_deg`` of its axis
-    ring : Lambertian ring light of ``diameter``, and ``inner_diameter`` if it has a width; with
-        ``tilt_deg`` its light leans towards the axis
-    picture : rectangle that emits as a picture ``file`` shows, Lambertian
-    intensity : a table of intensities (``intensity``, ``file`` or ``light``), from a point, or
-        evenly from a disc or rectangle
-    rays : a list of rays (``file`` or ``light``), drawn by their flux or emitted ``in_order``;
-        ``flux_from`` says what counts where a file's header states another flux than its rays
-    """
+    """What sources of the kinds that the engine knows may say; each kind has some of the keys."""
 
     model_config = ConfigDict(arbitrary_types_allowed=True)
 
-    kind: Literal["collimated", "lambertian", "point", "ring", "picture", "intensity", "rays"]
     diameter: Positive | None = None
     inner_diameter: Annotated[float, Field(ge=0)] = 0.0
     size: tuple[Positive, Positive] | None = None
@@ -134,6 +110,11 @@ class SourceModel(Source):
     draw: Literal["flux", "in_order"] = "flux"
     flux_from: Literal["header", "rays"] = "header"
     scale: Positive | None = None
+
+    keys: ClassVar[tuple[str, ...]] = ()
+    """Of the kind, beside those of all sources."""
+    widest_deg: ClassVar[float] = 90.0
+    """Largest angle of its directions with its axis."""
 
     @model_serializer(mode="wrap")
     def _as_ever(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
@@ -152,35 +133,30 @@ class SourceModel(Source):
         return None if light is None else {"name": light.name, "digest": light.digest()}
 
     def model_post_init(self, context: Any) -> None:
-        keys = _COMMON | set(_KEYS[self.kind])
         for name in type(self).model_fields:
-            if name in self.model_fields_set - keys:
-                allowed = ", ".join(_KEYS[self.kind])
+            if name in self.model_fields_set - {*_COMMON, *self.keys}:
+                allowed = ", ".join(self.keys)
                 raise ValueError(f"a {self.kind} source has no {name}; its own keys are {allowed}")
-        self._check_shape()
-        super().model_post_init(context)
-        if self.kind in ("lambertian", "ring", "picture") and (self.cone_deg or 0.0) > 90.0:
-            raise ValueError(f"cone_deg of a {self.kind} source is at most 90")
-
-    def _check_shape(self) -> None:
-        if self.kind in ("collimated", "lambertian"):
-            if (self.diameter is None) == (self.size is None):
-                raise ValueError("give either diameter (a disc) or size (a rectangle)")
-        elif self.kind == "ring" and self.diameter is None:
-            raise ValueError("a ring source needs a diameter")
-        elif self.kind == "picture" and (self.size is None or self.file is None):
-            raise ValueError("a picture source needs a size and a picture file")
-        elif self.kind == "intensity":
-            if sum(item is not None for item in (self.intensity, self.file, self.light)) != 1:
-                raise ValueError("give one of intensity (a table), file, or light")
-            if self.diameter is not None and self.size is not None:
-                raise ValueError("give diameter (a disc), size (a rectangle), or neither")
-        elif self.kind == "rays" and (self.file is None) == (self.light is None):
-            raise ValueError("give a file of rays (or light, in Python)")
+        self.check()
         if self.inner_diameter and self.diameter is None:
             raise ValueError("inner_diameter is that of a disc: give a diameter, or drop it")
         if self.diameter is not None and self.inner_diameter > self.diameter:
             raise ValueError("inner_diameter is larger than diameter")
+        super().model_post_init(context)
+        if (self.cone_deg or 0.0) > self.widest_deg:
+            raise ValueError(f"cone_deg of a {self.kind} source is at most {self.widest_deg:g}")
+
+    def check(self) -> None:
+        """Refuse keys that do not go together.
+
+        Raises
+        ------
+        ValueError
+        """
+
+    def cone_cosine(self) -> float:
+        """Cosine that limits its directions."""
+        return math.cos(math.radians(self.cone_deg or self.widest_deg))
 
     def measured(self, folder: Any, place: str) -> IntensityGrid | RayList:
         """The table or list of a source of kind ``intensity`` or ``rays``.
@@ -206,12 +182,3 @@ class SourceModel(Source):
             other = "rays" if isinstance(light, RayList) else "intensity"
             raise SceneError(f"{place}.kind: {light.name} makes a source of kind {other!r}")
         return light
-
-
-def cone_cosine(source: SourceModel) -> float:
-    """Cosine that limits the directions of a source."""
-    widest = 180.0 if source.kind == "point" else 90.0
-    return math.cos(math.radians(source.cone_deg or widest))
-
-
-KINDS = (SourceModel,)

@@ -33,4 +33,9 @@ def k_correlation(
     return lambda rho: a * x**-4.0 * (1.0 + (b / x * rho) ** 2) ** (-0.5 * c)
 
 
-K_CORRELATION = ScatterLaw(word="k_correlation", parameters=("A", "B", "C"), bsdf=k_correlation)
+K_CORRELATION = ScatterLaw(
+    word="k_correlation",
+    parameters=("A", "B", "C"),
+    title="A (1 + (B rho)²)^(-C / 2) [1/sr]",
+    bsdf=k_correlation,
+)

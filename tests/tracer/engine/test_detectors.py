@@ -20,7 +20,7 @@ from raymap.model.errors import RayMapError, SceneError
 from raymap.optics.cells import cell_measure
 from tests.tracer.chi2 import SIGNIFICANCE, chi2_counts
 from tests.tracer.engine.tracing import compiled, trace
-from tracer.detectors.model import DetectorModel
+from tracer.detectors.plane import Plane
 from tracer.run.recording import record
 from tracer.scene.load import parse_scene
 
@@ -441,11 +441,11 @@ cells = [10, 8]
 def test_a_detector_without_up_stands_upright(
     looks: tuple[float, float, float], upward: tuple[float, float, float] | None
 ) -> None:
-    model = DetectorModel(looks=looks, position=(0, 0, 0), size=(1, 1), cells=(1, 1))
+    model = Plane(looks=looks, position=(0, 0, 0), size=(1, 1), cells=(1, 1))
     u, v, n = model.axes()
     assert np.allclose(np.cross(u, v), n)
     assert v @ (upward or (0, 1, 0)) > 0.0
     if upward is not None:
         assert np.allclose(v, upward)
-        said = DetectorModel(looks=looks, position=(0, 0, 0), size=(1, 1), cells=(1, 1), up=upward)
+        said = Plane(looks=looks, position=(0, 0, 0), size=(1, 1), cells=(1, 1), up=upward)
         assert said.model_dump() == model.model_dump()  # one fingerprint of the scene

@@ -15,7 +15,7 @@ from tests.tracer.scene.emission import directions, emitted, starts, with_source
 from tracer.light import IntensityGrid
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import parse_scene
-from tracer.sources.model import SourceModel
+from tracer.sources.intensity import IntensitySource
 
 GAMMA = [0.0, 20.0, 45.0, 70.0, 90.0]
 HALF_TABLE = """
@@ -107,7 +107,7 @@ def test_theta_and_phi_turn_right_handed_about_the_axis() -> None:
     grid = IntensityGrid.from_theta_phi(
         [0, 60, 90], np.arange(0, 360, 30), np.outer([0, 1, 0], np.arange(12) == 3)
     )
-    model = SourceModel(kind="intensity", light=grid)
+    model = IntensitySource(light=grid)
     mean = directions(emitted(with_source(model), 4_000)).mean(axis=0)
     assert mean[1] > 0.6
     assert abs(mean[0]) < 0.05
@@ -116,14 +116,14 @@ def test_theta_and_phi_turn_right_handed_about_the_axis() -> None:
 def test_flux_comes_from_the_table_unless_given() -> None:
     grid = IntensityGrid(gamma_deg=[0, 180], c_deg=[0], intensity=[[10], [10]], unit="lm")
     lumen = {"flux_unit": "lm"}
-    scene = with_source(SourceModel(kind="intensity", light=grid), **lumen)
+    scene = with_source(IntensitySource(light=grid), **lumen)
     assert compile_scene(scene).directory.sources[0].flux == pytest.approx(40 * math.pi)
-    scene = with_source(SourceModel(kind="intensity", light=grid, flux=7.0), **lumen)
+    scene = with_source(IntensitySource(light=grid, flux=7.0), **lumen)
     assert compile_scene(scene).directory.sources[0].flux == 7.0
     with pytest.raises(SceneError, match="cannot become W without a spectrum"):
-        compile_scene(with_source(SourceModel(kind="intensity", light=grid)))
+        compile_scene(with_source(IntensitySource(light=grid)))
     watt = with_source(
-        SourceModel.model_validate({"kind": "intensity", "light": grid, "spectrum": "D65"})
+        IntensitySource.model_validate({"kind": "intensity", "light": grid, "spectrum": "D65"})
     )
     # Channels R, G, B: 179 lm are one watt of white, whatever the spectrum that it stands for
     assert compile_scene(watt).directory.sources[0].flux == pytest.approx(
@@ -135,7 +135,7 @@ def test_light_starts_evenly_from_the_opening() -> None:
     grid = IntensityGrid(
         gamma_deg=[0, 90], c_deg=[0], intensity=[[1], [1]], opening=(0.02, 0.01), length_unit="m"
     )
-    found = emitted(with_source(SourceModel(kind="intensity", light=grid)), 20_000)
+    found = emitted(with_source(IntensitySource(light=grid)), 20_000)
     places = found.position[starts(found)]
     assert np.allclose(np.abs(places).max(axis=0), [10.0, 5.0, 0.0], atol=0.01)
     counts = np.histogram2d(places[:, 0], places[:, 1], bins=(8, 4))[0]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tests.tracer.chi2 import SIGNIFICANCE, chi2_counts
 from tests.tracer.scene.emission import directions, emitted, starts, with_source
 from tracer.light import IntensityGrid, Opening, OpeningShape
-from tracer.sources.model import SourceModel
+from tracer.sources.intensity import IntensitySource
 
 Array = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ def pencil(opening: float | tuple[float, float] | Opening) -> IntensityGrid:
 
 def rays_of(grid: IntensityGrid, n: int) -> tuple[Array, Array]:
     """Places and directions of n rays, the axis along z."""
-    portion = emitted(with_source(SourceModel(kind="intensity", light=grid)), n)
+    portion = emitted(with_source(IntensitySource(light=grid)), n)
     return portion.position[starts(portion)].astype(float), directions(portion)
 
 
@@ -114,7 +114,7 @@ surface = "absorber"
         opening=Opening(shape="box", size=(20.0, 10.0, 6.0)),
         length_unit="mm",
     )
-    lamp = SourceModel(kind="intensity", light=grid, position=(0, 0, 100), axis=(0, 0, -1))
+    lamp = IntensitySource(light=grid, position=(0, 0, 100), axis=(0, 0, -1))
     portion = emitted(with_source(lamp, ceiling), 2000)
     height = portion.position[starts(portion), 2]
     assert 93.9 < height.min() < 94.1

@@ -12,7 +12,7 @@ from tests.tracer.scene.emission import directions, emitted, starts, with_source
 from tracer.light import RayList
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import parse_scene
-from tracer.sources.model import SourceModel
+from tracer.sources.rays import RaySource
 
 
 def listed(n: int, flux: NDArray[np.float64], **rest: object) -> RayList:
@@ -27,7 +27,7 @@ def listed(n: int, flux: NDArray[np.float64], **rest: object) -> RayList:
 
 def test_rays_are_drawn_by_their_flux() -> None:
     flux = np.arange(1.0, 41.0)
-    model = SourceModel(kind="rays", light=listed(40, flux, unit="W"))
+    model = RaySource(light=listed(40, flux, unit="W"))
     scene = with_source(model)
     compilation = compile_scene(scene)
     assert compilation.directory.sources[0].flux == pytest.approx(flux.sum())
@@ -40,7 +40,7 @@ def test_rays_are_drawn_by_their_flux() -> None:
 
 
 def test_equal_rays_come_one_by_one_in_order() -> None:
-    scene = with_source(SourceModel(kind="rays", light=listed(37, np.ones(37)), draw="in_order"))
+    scene = with_source(RaySource(light=listed(37, np.ones(37)), draw="in_order"))
     found = emitted(scene, 100)
     drawn = np.round(found.position[starts(found), 0]).astype(int)
     assert drawn.tolist() == [k % 37 for k in range(100)]
@@ -51,7 +51,7 @@ def test_equal_rays_come_one_by_one_in_order() -> None:
 
 def test_unequal_rays_in_order_come_as_often_as_their_flux_says() -> None:
     flux = np.array([0.2, 1.0, 3.0, 0.7, 0.0, 2.1])
-    scene = with_source(SourceModel(kind="rays", light=listed(6, flux), draw="in_order"))
+    scene = with_source(RaySource(light=listed(6, flux), draw="in_order"))
     found = emitted(scene, 6_000)
     drawn = np.round(found.position[starts(found), 0]).astype(int)
     share = np.bincount(drawn, minlength=6) / 6_000
@@ -61,7 +61,7 @@ def test_unequal_rays_in_order_come_as_often_as_their_flux_says() -> None:
 
 def test_two_sources_share_the_numbers_of_a_list_in_order() -> None:
     scene = parse_scene('length_unit = "mm"\n[sources.x]\nkind = "point"\nflux = 2\n')
-    rays = SourceModel(kind="rays", light=listed(11, np.ones(11)), draw="in_order")
+    rays = RaySource(light=listed(11, np.ones(11)), draw="in_order")
     scene = scene.model_copy(update={"sources": {**scene.sources, "rays": rays}})
     found = emitted(scene, 9_000)
     mine = found.source == 1
@@ -76,15 +76,15 @@ def test_wavelengths_of_rays_choose_their_channels() -> None:
 kind = "spectral"
 wavelengths_nm = [450, 550, 650]
 """
-    scene = with_source(SourceModel(kind="rays", light=light, draw="in_order"), text)
+    scene = with_source(RaySource(light=light, draw="in_order"), text)
     wide = listed(4, np.ones(4), unit="W", wavelength_nm=np.array([450.0, 548.0, 552.0, 900.0]))
     with pytest.warns(UserWarning, match="25.0% of the light"):
-        found = compile_scene(with_source(SourceModel(kind="rays", light=wide), text))
+        found = compile_scene(with_source(RaySource(light=wide), text))
     assert found.directory.sources[0].flux == pytest.approx(3.0)
     seen = emitted(scene, 8)
     assert seen.color_code[starts(seen)].tolist() == [0, 1, 1, 2] * 2
     # In an RGB trace they have the colours of their wavelengths
-    seen = emitted(with_source(SourceModel(kind="rays", light=light, draw="in_order")), 4)
+    seen = emitted(with_source(RaySource(light=light, draw="in_order")), 4)
     codes = seen.color_code[starts(seen)]
     colors = np.concatenate([np.eye(3) * 65535, seen.color_table])[codes]
     assert colors[0].argmax() == 2
@@ -94,7 +94,7 @@ wavelengths_nm = [450, 550, 650]
 
 def test_lengths_and_place_of_a_list() -> None:
     light = RayList(positions=[[1, 2, 3]], directions=[[0, 0, 2]], flux=[1.0], length_unit="cm")
-    model = SourceModel(kind="rays", light=light, position=(100, 0, 0), axis=(1, 0, 0))
+    model = RaySource(light=light, position=(100, 0, 0), axis=(1, 0, 0))
     found = emitted(with_source(model), 3)
     assert np.allclose(found.position[0], [130.0, 20.0, -10.0], atol=1e-4)
     assert np.allclose(directions(found)[0], [1, 0, 0], atol=1e-4)

@@ -7,6 +7,6 @@ from tracer.surfaces.scatter_laws.law import ScatterLaw
 
 __all__ = ["ABG"]
 
-ABG = ScatterLaw(word="abg", parameters=("A", "B", "g"), bsdf=abg)
+ABG = ScatterLaw(word="abg", parameters=("A", "B", "g"), title="A / (B + rho^g) [1/sr]", bsdf=abg)
 
 KINDS = (ABG,)

@@ -18,6 +18,7 @@ class ScatterLaw:
     ----------
     word : of the scene file, for a list of numbers
     parameters : their names, in order
+    title : the law as it is written
     bsdf : takes the numbers in this order, and the wavelength and the one for
         which they hold [nm] as ``wavelength_nm`` and ``reference_nm`` (0: the same for all); gives
         the BSDF [1/sr] as a function of an array of rho
@@ -27,7 +28,12 @@ class ScatterLaw:
 
     word: str
     parameters: tuple[str, ...]
+    title: str
     bsdf: Callable[..., Callable[..., object]]
+
+    def spelling(self) -> str:
+        """How it is written in a scene."""
+        return f"{self.word} = [{', '.join(self.parameters)}]"
 
 
 SCATTER_LAWS: Registry[ScatterLaw] = Registry(
