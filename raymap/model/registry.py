@@ -100,6 +100,8 @@ class Registry(Mapping[str, Kind]):
         self._words = words
         self._of = of
         self._known: dict[str, Kind | _Pending] | None = None
+        self._listed: list[Entry] | None = None
+        self._looked: list[tuple[str, str, str, Kind | _Pending]] | None = None
 
     def kinds(self) -> list[Kind]:
         """Every kind once, in the order of lists."""
@@ -112,14 +114,19 @@ class Registry(Mapping[str, Kind]):
         ----------
         ours : only those of this distribution, whatever else is installed
         """
+        if not ours and self._listed is not None:
+            return self._listed
         found: dict[int, Entry] = {}
-        for origin, distribution, word, _ in self._found():
+        for origin, distribution, word, _ in self._places():
             if ours and distribution not in ("", OURS):
                 continue
             kind: Any = self[word]
             words = tuple(self._words(kind))
             found.setdefault(id(kind), Entry(word, kind, origin, distribution, words))
-        return sorted(found.values(), key=lambda entry: entry.place)
+        listed = sorted(found.values(), key=lambda entry: entry.place)
+        if not ours:
+            self._listed = listed
+        return listed
 
     def nearest(self, word: str) -> str:
         """'; did you mean …' for a word that no kind has."""
@@ -128,7 +135,7 @@ class Registry(Mapping[str, Kind]):
     def _all(self) -> dict[str, Kind | _Pending]:
         if self._known is None:
             known: dict[str, Kind | _Pending] = {}
-            for origin, distribution, word, kind in self._found():
+            for origin, distribution, word, kind in self._places():
                 if word in known:
                     raise RayMapError(
                         f"{_place(origin, distribution)}: there is a kind {word!r} of {self.group} "
@@ -137,6 +144,12 @@ class Registry(Mapping[str, Kind]):
                 known[word] = kind
             self._known = known
         return self._known
+
+    def _places(self) -> list[tuple[str, str, str, Kind | _Pending]]:
+        """As `_found`, once: what distributions say of themselves lies in many files."""
+        if self._looked is None:
+            self._looked = list(self._found())
+        return self._looked
 
     def _found(self) -> Iterator[tuple[str, str, str, Kind | _Pending]]:
         if self.package:

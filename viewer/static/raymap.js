@@ -199,7 +199,7 @@
           <pre v-if="error.caret">{{ error.caret }}</pre><div>{{ error.message }}</div>
         </div>
       </div>`,
-    data() { return { items: [], chosen: -1, from: 0, draft: this.text }; },
+    data() { return { items: [], chosen: -1, from: 0, of: "", draft: this.text }; },
     created() { this.timer = null; this.asked = 0; },
     // What the program says replaces the draft, unless it merely repeats what was typed here
     watch: { text(value) { if (value !== this.draft.trim()) this.draft = value; } },
@@ -213,9 +213,9 @@
       later() { this.items = []; },
       async complete() {
         const box = this.$refs.box, number = ++this.asked;
-        const reply = await call("rm_complete", box.value, box.selectionStart);
+        const text = box.value, reply = await call("rm_complete", text, box.selectionStart);
         if (number !== this.asked || document.activeElement !== box) return;
-        this.items = reply.items; this.from = reply.from; this.chosen = -1;
+        this.items = reply.items; this.from = reply.from; this.of = text; this.chosen = -1;
       },
       key(event) {
         if (event.key === "Escape") { this.items = []; return; }
@@ -230,10 +230,14 @@
           const step = event.key === "ArrowDown" ? 1 : -1, n = this.items.length;
           this.chosen = (this.chosen + step + n) % n;
         } else if (event.key === "Tab") {
-          event.preventDefault(); this.take(Math.max(this.chosen, 0));
+          event.preventDefault();
+          // Who types faster than proposals come means those for what stands there now
+          if (this.of === this.draft) this.take(Math.max(this.chosen, 0));
+          else this.complete().then(() => { if (this.items.length) this.take(0); });
         }
       },
       take(i) {
+        if (this.of !== this.draft) return;
         const box = this.$refs.box, item = this.items[i];
         const tail = this.draft.slice(box.selectionStart);
         this.draft = this.draft.slice(0, this.from) + item.insert + tail;
