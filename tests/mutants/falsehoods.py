@@ -29,7 +29,8 @@ MUTANTS = (
         features={
             "rays one by one": f"{_ENGINE}/test_physics.py::"
             "test_plate_reflects_and_transmits_as_the_sum_over_all_reflections_says",
-            "streams of rays": "tests/tracer/test_samples.py",
+            "streams of rays": "tests/tracer/test_samples.py::"
+            "test_lens_over_the_led_reflects_as_fresnel_says",
             "colours after reflection": f"{_ENGINE}/test_surfaces.py::"
             "test_dispersive_reflection_keeps_the_expectation_of_each_channel",
             "metals": "tests/raymap/laws/test_stored.py::test_shares_by_hand",

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from raymap.optics import fresnel as f
+from tests.naive import fresnel as naive
 
 ANGLES = st.floats(0.0, 89.99).map(math.radians)
 INDEX = st.floats(1.0, 3.0)
@@ -120,3 +121,18 @@ def test_directions_obey_snell(n1: float, n2: float, angle: float, turn: float) 
     assert np.linalg.norm(bent) == pytest.approx(1.0, abs=1e-9)
     np.testing.assert_allclose(n2 * np.cross(bent, normal), n1 * np.cross(d, normal), atol=1e-9)
     assert bent @ normal == pytest.approx(-cosine, abs=1e-9)
+
+
+@given(INDEX, INDEX, ANGLES, st.floats(0.0, 5.0))
+@settings(deadline=None)
+def test_as_the_wave_vectors_say(n1: float, n2: float, angle: float, kappa: float) -> None:
+    cosine = math.cos(angle)
+    assert f.fresnel_reflectance(n1, n2, cosine) == pytest.approx(
+        naive.fresnel_reflectance(n1, n2, cosine), abs=1e-9
+    )
+    assert f.fresnel_conductor(n1, n2, kappa, cosine) == pytest.approx(
+        naive.fresnel_conductor(n1, n2, kappa, cosine), abs=1e-9
+    )
+    column = f.reflectance_column(n1, n2, [[cosine], [1.0]])
+    assert column.shape == (2, 1)
+    assert column[0, 0] == f.fresnel_reflectance(n1, n2, cosine)

@@ -174,7 +174,7 @@ def test_equal_media_let_everything_through():
 
 
 def test_isotropic_media_follow_fresnel():
-    from raymap.optics.fresnel import fresnel_reflectance
+    from tests.naive.fresnel import fresnel_reflectance
 
     for n1, n2, degrees in ((1.0, 1.5, 60.0), (1.5, 1.0, 30.0), (1.5, 1.0, 50.0)):
         s, p = shine(isotropic(n1), isotropic(n2), degrees, n1)

@@ -14,7 +14,7 @@ import pytest
 
 from raymap.model.errors import SceneError
 from raymap.model.events import Event
-from raymap.optics.fresnel import fresnel_reflectance
+from tests.naive.fresnel import fresnel_reflectance
 from tests.tracer.engine.tracing import Trace, compiled
 from tracer.transport.wavefront import Wavefront
 

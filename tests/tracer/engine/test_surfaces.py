@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from raymap.model.events import Event
-from raymap.optics.fresnel import fresnel_conductor, fresnel_reflectance
+from tests.naive.fresnel import fresnel_conductor, fresnel_reflectance
 from tests.tracer.engine.tracing import Trace, assert_share, trace
 
 SHEET = """

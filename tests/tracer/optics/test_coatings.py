@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from raymap.laws.stack import layer_coating
 from raymap.laws.table import coating_share, constant_coating, tabulated_coating
 from raymap.model.errors import SceneError
-from raymap.optics.fresnel import fresnel_reflectance
 from raymap.optics.stacks import Layer, stack_shares
+from tests.naive.fresnel import fresnel_reflectance
 
 
 def layer(index: complex, thickness: float) -> Layer:

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from raymap.jit.kernels import kernel
-from raymap.optics.fresnel import fresnel_conductor
+from tests.naive.fresnel import fresnel_conductor
 from tests.tracer.chi2 import chi2_counts
 from tracer.optics import microfacet as mf
 from tracer.optics import microfacet_losses as losses
