@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from raymap.encoding.encoder import PortionEncoder
 from raymap.jit.kernels import kernel
 from raymap.jit.types import F64, I64
-from raymap.model.directory import ChannelSet, Directory, DisplayMesh
 from raymap.model.errors import SceneError
 from raymap.model.events import Event
 from raymap.model.portion import Descriptors, Portion
@@ -35,6 +34,7 @@ from tracer.lens.scene_lenses import LensScene
 from tracer.optics.polarization_rays import PolarizedRays
 from tracer.rays.random import advance, stream_state, uniform
 from tracer.run.recording import record
+from tracer.run.trace import CompiledTrace
 from tracer.scene.compilations import compilation_of
 from tracer.scene.compile import Compilation
 from tracer.scene.model import Scene
@@ -224,31 +224,14 @@ class LensTracer:
 
 
 @dataclass(frozen=True, eq=False)
-class LensTreeTrace:
+class LensTreeTrace(CompiledTrace):
     """A compiled scene whose lenses are primitives; attributes as of `tracer.run.trace.Trace`."""
 
-    compilation: Compilation
     depth: int = 8
     min_flux: float = 1e-6
 
     fan: ClassVar[int] = 2**20
     most_rays: ClassVar[int] = 4096
-
-    @property
-    def scene(self) -> Scene:
-        return self.compilation.scene
-
-    @property
-    def directory(self) -> Directory:
-        return self.compilation.directory
-
-    @property
-    def channel_set(self) -> ChannelSet:
-        return self.compilation.channel_set
-
-    @property
-    def meshes(self) -> Mapping[int, DisplayMesh]:
-        return self.compilation.meshes
 
     @property
     def limit(self) -> tuple[str, str]:

@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.encoding.encoder import PortionEncoder
-from raymap.model.directory import ChannelSet, Directory, DisplayMesh
 from raymap.model.errors import SceneError
 from raymap.model.portion import Descriptors, Portion
 from raymap.model.schema import PORTION_RAYS
@@ -36,6 +35,7 @@ from tracer.polarized.transport import (
 )
 from tracer.run.recording import record
 from tracer.run.results import RecordResult, depth_limit
+from tracer.run.trace import CompiledTrace
 from tracer.scene.compilations import compilation_of
 from tracer.scene.compile import Compilation
 from tracer.scene.model import Scene
@@ -223,30 +223,13 @@ class PolarizedWavefront:
 
 
 @dataclass(frozen=True, eq=False)
-class PolarizedTrace:
+class PolarizedTrace(CompiledTrace):
     """A compiled scene in polarised light; attributes as of `tracer.run.trace.Trace`."""
 
-    compilation: Compilation
     polarization: Polarization
 
     fan: ClassVar[int] = 1
     most_rays: ClassVar[int] = PORTION_RAYS // 4
-
-    @property
-    def scene(self) -> Scene:
-        return self.compilation.scene
-
-    @property
-    def directory(self) -> Directory:
-        return self.compilation.directory
-
-    @property
-    def channel_set(self) -> ChannelSet:
-        return self.compilation.channel_set
-
-    @property
-    def meshes(self) -> Mapping[int, DisplayMesh]:
-        return self.compilation.meshes
 
     @property
     def limit(self) -> tuple[str, str]:

@@ -7,16 +7,13 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from raymap.encoding.encoder import PortionEncoder
-from raymap.model.directory import ChannelSet, Directory, DisplayMesh
 from raymap.model.portion import Portion
 from raymap.model.schema import PORTION_RAYS
 from raymap.optics.cells import is_pinhole
 from tracer.compiled import R_RAYS, R_SPLITS
 from tracer.run.rehearsal import compile_trace, order_faces
 from tracer.run.results import depth_limit
-from tracer.run.trace import Trace
-from tracer.scene.compile import Compilation
-from tracer.scene.model import Scene
+from tracer.run.trace import CompiledTrace, Trace
 from tracer.scene.supported import refuse_pinholes, warn_of_polarised_sources
 from tracer.transport.source_check import check_sources
 from tracer.transport.wavefront import Wavefront
@@ -28,10 +25,8 @@ __all__ = ["NaturalTrace"]
 
 
 @dataclass(frozen=True, eq=False)
-class NaturalTrace:
+class NaturalTrace(CompiledTrace):
     """A compiled scene in natural light; attributes as of `tracer.run.trace.Trace`."""
-
-    compilation: Compilation
 
     @property
     def most_rays(self) -> int:
@@ -44,22 +39,6 @@ class NaturalTrace:
     @property
     def parameters(self) -> Mapping[str, Any]:
         return {}
-
-    @property
-    def scene(self) -> Scene:
-        return self.compilation.scene
-
-    @property
-    def directory(self) -> Directory:
-        return self.compilation.directory
-
-    @property
-    def channel_set(self) -> ChannelSet:
-        return self.compilation.channel_set
-
-    @property
-    def meshes(self) -> Mapping[int, DisplayMesh]:
-        return self.compilation.meshes
 
     @property
     def fan(self) -> int:

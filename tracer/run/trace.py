@@ -8,6 +8,7 @@ run (`tracer.run.recording`) knows nothing else of them.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 from raymap.encoding.encoder import PortionEncoder
@@ -15,10 +16,11 @@ from raymap.model.directory import ChannelSet, Directory, DisplayMesh
 from raymap.model.portion import Portion
 
 if TYPE_CHECKING:
+    from tracer.scene.compile import Compilation
     from tracer.scene.model import Scene
     from tracer.transport.pinhole import Pinholes
 
-__all__ = ["Engine", "Trace"]
+__all__ = ["CompiledTrace", "Engine", "Trace"]
 
 
 class Engine(Protocol):
@@ -83,3 +85,26 @@ class Trace(Protocol):
 
     def pinholes(self) -> Pinholes | None:
         """What sums up the pictures of pinholes; None where there are none."""
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledTrace:
+    """What traces of a compiled scene have in common."""
+
+    compilation: Compilation
+
+    @property
+    def scene(self) -> Scene:
+        return self.compilation.scene
+
+    @property
+    def directory(self) -> Directory:
+        return self.compilation.directory
+
+    @property
+    def channel_set(self) -> ChannelSet:
+        return self.compilation.channel_set
+
+    @property
+    def meshes(self) -> Mapping[int, DisplayMesh]:
+        return self.compilation.meshes
