@@ -332,7 +332,8 @@ def change(parts: list[Part], dice: random.Random) -> Change:
         return Change(part.tag, stream.name, -1, number)
     flat = flat.copy()
     row = dice.randrange(len(flat))
-    flat[row] = _odd_value(flat, row, dice)
+    with np.errstate(over="ignore"):
+        flat[row] = _odd_value(flat, row, dice)
     stream.values = flat.reshape(stream.values.shape)
     return Change(part.tag, stream.name, row, number)
 
