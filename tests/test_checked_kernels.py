@@ -30,12 +30,33 @@ _FORMS = {
     ),
     "PathColumns": "made by Context.columns from checked dictionaries or compared rays",
     "Context": "columns of a PathContext (checked dictionary) or RayContext (compared rays)",
+    "Law": "tables that a law made of numbers which its model has validated, and its own rows",
     "Portion": "the writer: raymap.file.checks has compared every column before it is encoded",
     "itself": "the loop compares each index with its array before it uses it",
     "called": "called by kernels alone, which stand in this table",
 }
 
 _KERNELS = {
+    # Laws of surfaces and media
+    "frames._fill_axes": ("Law", {"frames.transverse_axes"}),
+    "fresnel._fill_reflectance": ("Law", {"fresnel.reflectance_column"}),
+    "phase.eval_phase": (
+        "Law",
+        {"phase.density", "phase.legendre_moments", "phase.pdf_phase", "pinhole._phase"},
+    ),
+    "radial.eval_radial": (
+        "Law",
+        {"radial._shares", "radial.pdf_radial", "specular.around_specular"},
+    ),
+    "tabulated.eval_tabulated": ("Law", {"bsdf.pdf_tabulated", "tabulated.towards_tabulated"}),
+    "tabulated.incidence_slice": (
+        "Law",
+        {"bsdf.sample_tabulated", "tabulated.eval_tabulated", "tabulated.tabulated_share"},
+    ),
+    "tabulated.tabulated_share": (
+        "Law",
+        {"bsdf.pdf_tabulated", "tabulated.sample_measured", "tabulated.shares"},
+    ),
     # Colours
     "colors.rebuild_codes": ("itself", {"stored._column_color_code"}),
     "colors._color_runs": ("Portion", {"colors.runs_of_codes"}),
@@ -96,35 +117,30 @@ _KERNELS = {
     # Questions
     "illumination._lights": ("PathColumns", {"illumination.labels"}),
     "path_keys._keys": ("PathColumns", {"path_keys._new_keys"}),
-    "path_matching.match_path": ("PathColumns", {"evaluate.run"}),
+    "path_matching.match_path": ("PathColumns", {"path.run"}),
     "path_matching._fits": ("called", {"path_matching.match_path"}),
     "path_matching._register_each": ("called", {"path_matching.match_path"}),
     "path_matching._register_any": ("called", {"path_matching.match_path"}),
-    "measures.path_lengths": ("Context", {"evaluate._lengths"}),
-    "measures.optical_lengths": ("Context", {"evaluate._lengths"}),
-    "measures.incidence_angles": ("Context", {"evaluate._incidence"}),
+    "measures.path_lengths": ("Context", {"length.values"}),
+    "measures.optical_lengths": ("Context", {"optical_length.values"}),
+    "measures.incidence_angles": ("Context", {"incidence.on_rays"}),
     "scans.look_up": (
         "Context",
         {
-            "evaluate._medium",
-            "evaluate._meetings",
-            "evaluate._places",
-            "evaluate._source",
+            "detected.on_meetings",
+            "hit._places",
+            "medium.on_rays",
             "search.spread",
+            "source.on_rays",
         },
     ),
     "scans.any_of_ray": (
         "Context",
-        {
-            "evaluate._detected",
-            "evaluate._incidence",
-            "evaluate._recorded",
-            "evaluate._some_point",
-        },
+        {"bound.on_rays", "bound.some_point", "incidence.on_rays", "recorded.on_rays"},
     ),
-    "scans.any_before_last": ("Context", {"evaluate._medium"}),
-    "scans.count_of_ray": ("Context", {"evaluate._count", "ghosts._reflecting"}),
-    "scans.ray_offsets": ("Context", {"context.offsets", "evaluate._surface_points"}),
+    "scans.any_before_last": ("Context", {"medium.on_rays"}),
+    "scans.count_of_ray": ("Context", {"count.on_rays", "ghosts._reflecting"}),
+    "scans.ray_offsets": ("Context", {"context.offsets", "incidence._surface_points"}),
     "scans.expand_rows": (
         "Context",
         {
@@ -132,10 +148,10 @@ _KERNELS = {
             "context.descriptor_rows",
             "context.records",
             "context.rows",
-            "evaluate._surface_points",
+            "incidence._surface_points",
         },
     ),
-    "scans.match_sequence": ("Context", {"evaluate.run"}),
+    "scans.match_sequence": ("Context", {"logic.run"}),
     # Pictures: rows of triangles come from a sort, coordinates are cut at the picture's edges
     "fill._fill_band": ("itself", {"fill.fill_triangles"}),
     "raster._draw_band": ("itself", {"raster.draw_segments"}),

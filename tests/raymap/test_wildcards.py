@@ -17,7 +17,7 @@ _ROOT = Path(__file__).resolve().parents[2]
 _FROM_TABLES = (
     ("tracer/optics/glasses.py", "re.fullmatch("),
     ("tracer/scene/load.py", "re.sub(theirs, ours, message)"),
-    ("viewer/app/incoming.py", "re.compile(pattern, re.S).fullmatch"),
+    ("viewer/panels/values.py", "re.compile(pattern, re.S).fullmatch"),
 )
 
 
