@@ -65,7 +65,7 @@ NOISY = {
 
 WITHOUT = {
     *("info", "verify", "repair", "report", "picture", "view", "export", "export-3d", "import"),
-    *("check", "faces", "serve", "token", "rayfile", "check-rays"),
+    *("check", "doctor", "kinds", "faces", "serve", "token", "rayfile", "check-rays"),
     *("lens-levels", "lens-cone", "lens-vignetting", "lens-picture", "microscope", "render"),
     *("record-polarized", "verify-crystals", "fit-scattering"),
 }

@@ -110,9 +110,9 @@ def test_places_that_are_gone_are_refused() -> None:
 
 
 SENSOR, A, B, C = (Detector(name=name, cells=(50, 50)) for name in ("sensor", "a", "b", "c"))
-# Of 72 x 90 cells, 5° of C and 2° of gamma each, gamma from 10° on
+# Of 72 x 45 cells, 5° of C and 2° of gamma each, gamma from 10° on
 FAR = Detector(
-    name="far", kind="far_field", cells=(72, 90), parameters={"gamma_deg": (10.0, 190.0)}
+    name="far", kind="far_field", cells=(72, 45), parameters={"gamma_deg": (10.0, 100.0)}
 )
 RECT = Region(shape="rect", values=(1.0, 2.0, 30.5, 40.0))
 DISC = Region(shape="ellipse", values=(10.0, 10.0, 5.0, 4.0))
