@@ -245,7 +245,9 @@ def test_places_that_light_does_not_reach_are_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("word", sorted(set(codev_words.HARMLESS) - {"END"}))
 def test_harmless_commands_are_harmless(word: str, tmp_path: Path) -> None:
-    lens, said = opened(tmp_path, codev(BODY.replace("STO", f"STO\n{word} 0 0")), ".seq")
+    said_as = f"{word} S1" if word in codev_words.ALONE - {"GO"} else word
+    said_as += "" if word in codev_words.ALONE else " 0 0"
+    lens, said = opened(tmp_path, codev(BODY.replace("STO", f"STO\n{said_as}")), ".seq")
     assert said == []
     assert lens.design()["efl"] == pytest.approx(thick(50, -50, 5), rel=1e-5)
 
@@ -390,6 +392,100 @@ def test_other_surfaces_are_refused(command: str) -> None:
         parse_codev(codev(BODY.replace("STO", f"STO\n{command} 1")))
 
 
+QUALIFIED = [
+    ("CIR OBS S1 2", "CIR S1 OBS 2"),
+    ("CIR OBS S2 2", "CIR S2 OBS 2"),
+    ("CIR EDG S1 9", "CIR S1 EDG 9"),
+    ("CIR HOL Z1 S2 1", "CIR S2 HOL 1"),
+    ("CIR L'a' OBS S1..2 2", "CIR S1 OBS 2\nCIR S2 OBS 2"),
+    ("THI Z1 S2 30", "THI S2 30"),
+    ("RDY Z1 S2 -80", "RDY S2 -80"),
+    ("K Z1 S1 -1", "K S1 -1"),
+    ("YAN Z1 F2 5", "YAN F2 5"),
+    ("EPD Z1 8", "EPD 8"),
+    ("SLB S1 'front'", "SLB S1 front"),
+]
+
+
+@pytest.mark.parametrize(("free", "usual"), QUALIFIED)
+def test_qualifiers_before_the_value_stand_in_any_order(
+    free: str, usual: str, tmp_path: Path
+) -> None:
+    lens, said = opened(tmp_path, codev(f"{BODY}\n{free}"), ".seq")
+    assert said == []
+    assert lens.prescription == parse_codev(codev(f"{BODY}\n{usual}"), origin="lens.seq")
+    assert lens.prescription != parse_codev(codev(BODY), origin="lens.seq")
+
+
+def test_obscurations_of_a_surface_that_is_named_last(tmp_path: Path) -> None:
+    lens, _ = opened(tmp_path, codev(f"{BODY}\nCIR OBS S2 2\nCIR EDG S1 9\nSLB S1 'x'"), ".seq")
+    surfaces = lens.prescription.surfaces
+    assert [surface.obscuration for surface in surfaces] == [0, 0, 2, 0]
+    assert [surface.mechanical for surface in surfaces] == [None, 9, None, None]
+    assert [surface.label for surface in surfaces] == ["", "x", "", ""]
+
+
+def test_silicon_is_a_glass_and_no_image(tmp_path: Path) -> None:
+    prescription = parse_codev(codev(f"{BODY}\nGLA S1 SI"))
+    assert prescription.surfaces[1].glass is not None
+    assert prescription.surfaces[1].glass.name == "SI"
+
+
+COMMANDS = [
+    "EPD 10", "FNO 5", "NA 0.1", "NAO 0", "DIM M", "TEM 20", "PRE 760", "REF 1", "YAN F1 0",
+    "WTF F1 1", "VUX F1 0", "WL W1 587.6", "WTW W1 1", "STO S1", "K S1 -1", "CUF S1 0",
+    "A S1 1e-5", "F S1 0", "CIR S1 7", "CIR S1 OBS 2", "CIR OBS S1 2", "CIR S1 EDG 9",
+    "CIR S1 HOL 1", "CIR S1 CLR 7", "GLA S1 NBK7_SCHOTT", "RMD S1 REFR", "PIM S2 NO",
+    "THI S2 30", "THI S2 HMY 0", "RDY S2 -80", "CUY S2 -0.02", "REX S1 4", "ELX S1 4",
+    "XDE S1 0", "ADE S1 0", "ASP S1", "CON S1", "SPH S1", "DAR S1", "BEN S1", "REV S1",
+    "PIK RDY S2 RDY S1 -1 0", "WIBBLE 1", "MLT S1 'x'", "THI S2 OAL 30", "RDY S2 UMY 0",
+    "S2 -50 46 AIR", "SLB S1 'x'",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("left", ["S2", "Z2", "F7", "OBS", "EDG", "HOL", "77", "WORD", "'word'"])
+@pytest.mark.parametrize("command", COMMANDS)
+def test_words_left_over_are_heard(command: str, left: str) -> None:
+    """By name, or with the command that names them."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            parse_codev(codev(f"{BODY}\n{command} {left}"))
+        except SceneError as error:
+            heard = [str(error)]
+        else:
+            heard = []
+        heard += [str(item.message) for item in caught]
+    name = command.split()[0][:3]
+    whole = ("WIB", "MLT")  # the warning is about all that such a command says
+    assert any(left in words or (name in whole and name in words) for words in heard), heard
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        ("CIR OBS S1 2 7", r"surface 1: 7 in CIR OBS S1 2 7 is not understood and is left out"),
+        ("STO S1 S2", "surface 1: S2 stands where STO S1 S2 does not expect it"),
+        ("THI 3 S2", "S2 stands where THI 3 S2 does not expect it; write it right behind THI"),
+        ("RDY -80 S2", "S2 stands where RDY -80 S2 does not expect it"),
+        ("CIR 2 OBS", "OBS stands where CIR 2 OBS does not expect it"),
+        ("CIR OBS EDG S1 2", "CIR OBS EDG S1 2 is not understood"),
+        ("THI S1 S2 3", "the solve THI S2 3 is not evaluated"),
+        ("ASP S1 K -1", "surface 1: K in ASP S1 K -1 is not understood"),
+        ("REF 1 2", "2 in REF 1 2 is not understood"),
+        ("YAN W1 5", "'W1' stands where YAN expects a number"),
+        ("PIK RDY S2 Z2 RDY S1 Z2 -1", "PIK RDY S2 Z2 RDY S1 Z2 -1 is not followed"),
+        ("STO 5", "5 in STO 5 is not understood"),
+    ],
+)
+def test_what_is_left_over_is_said(command: str, words: str, tmp_path: Path) -> None:
+    try:
+        said = opened(tmp_path, codev(f"{BODY}\n{command}"), ".seq")[1]
+    except SceneError as error:
+        said = [str(error)]
+    assert re.search(words, " | ".join(said)), said
+
+
 # -- both ----------------------------------------------------------------------------------------
 
 
@@ -453,6 +549,7 @@ def test_the_page_lists_the_harmless_words() -> None:
         ("CURV 0.03;CURV 0.02", r"CURV stands twice.*CURV stands twice"),
         ("PARM 2 1e-4;PARM 2 2e-4", r"PARM stands twice.*\| .*type STANDARD, which has no param"),
         ("PARM 3 0.5", r"surface 1: is of type STANDARD, which has no parameters"),
+        ("XDAT 1 2.5 0 0", r"surface 1: is of type STANDARD, which has no extra data; XDAT 1 2.5"),
         ("TYPE EVENASPH;PARM 9 1", r"TYPE stands twice.*EVENASPH has no parameter 9"),
     ],
 )
@@ -462,6 +559,14 @@ def test_what_stands_twice_or_means_nothing_is_heard(
     lens, said = opened(tmp_path, zemax(f"{FRONT};{surface}", BACK, IMAGE))
     assert re.search(words, " | ".join(said)), said
     assert lens.design()["efl"] == pytest.approx(thick(50, -50, 5), rel=1e-5)
+
+
+@pytest.mark.parametrize("kind", ["STANDARD", "EVENASPH"])
+def test_extra_data_of_zero_is_harmless(kind: str, tmp_path: Path) -> None:
+    front = FRONT.replace("STANDARD", kind)
+    assert opened(tmp_path, zemax(f"{front};XDAT 1 0.0 0 0 1.0", BACK, IMAGE))[1] == []
+    said = opened(tmp_path, zemax(f"{front};XDAT 1 3 0 0 1.0", BACK, IMAGE))[1]
+    assert [f"is of type {kind}, which has no extra data" in words for words in said] == [True]
 
 
 def test_the_partial_dispersion_of_a_model_glass_is_heard(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ A file is a list of commands, split by line ends and semicolons; ``&`` goes on w
 and ``!`` begins a comment. ``S radius thickness glass`` starts a surface, the commands after it say
 more about it; ``THI S2 5`` speaks about a surface by its number, wherever it stands. A command is
 read, or known to be harmless (`codev_words`), or else warned about or refused by
-name: none is passed over.
+name: none is passed over, and no word of one that is read (`codev_command`).
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ from typing import Literal
 from raymap.model.errors import SceneError
 from raymap.model.textfile import plain_number, split_lines
 from tracer.importers.lens_format import LensFormat
+from tracer.importers.lens_formats.codev_command import KINDS_OF_APERTURES, QUALIFIER, Command
 from tracer.importers.lens_formats.codev_words import (
+    ALONE,
     APERTURES_NOT_ROUND,
     HARMLESS,
     MOVED,
@@ -56,7 +58,6 @@ _LISTS = {
 }  # fmt: skip
 _COEFFICIENTS = "ABCDEFGHJ"
 _MOST_COEFFICIENTS = 6
-_QUALIFIER = re.compile(r"([SFWZ])(\d+|O|I|A)(\.\.\w+)?", re.IGNORECASE)
 _SURFACE = re.compile(r"S(O|I|\d+)?", re.IGNORECASE)
 _NORMAL = {"TEM": (20.0, "°C"), "PRE": (760.0, "mm of mercury")}
 _LAURENT_GRID_NM = tuple(range(350, 1101, 25))
@@ -171,6 +172,10 @@ class _Reader:
             raise self.fail(self.place, f"{shown!r} stands where {words[0]} expects a finite one")
         return value
 
+    def value(self, command: Command) -> float:
+        """The next word of a command, a number."""
+        return self.number([command.word, command.take() or "nothing"], 1)
+
     # -- commands --------------------------------------------------------------------------------
 
     def take(self, words: list[str], line: int) -> None:
@@ -178,54 +183,74 @@ class _Reader:
         self.line = line
         self.spoken_of = len(self.drafts) - 1 if self.drafts else None
         name = words[0].upper()
+        command = Command(words)
         if self.in_private:
-            self._private(name[:3], words)
+            self._private(name[:3], command)
         elif name.startswith("ZOO"):
-            self._zoom(words)
+            self._zoom(command.take_all())
         elif _SURFACE.fullmatch(name):
-            self._surface(name, words)
-        elif name[:3] == "STO" and len(words) > 2:
-            self._surface("S", words)
+            self._surface(name, command.take_all())
+        elif name[:3] == "STO" and len(words) > 2 and plain_number(words[1]) is not None:
+            self._surface("S", command.take_all())
             self.drafts[-1].stop = True
         else:
-            self._command(name[:3], words)
+            self._command(name[:3], command)
+        self._say_what_is_left_over(command)
 
-    def _command(self, name: str, words: list[str]) -> None:
+    def _say_what_is_left_over(self, command: Command) -> None:
+        """Words that nobody took: refused where they say which value is meant, else warned of."""
+        for word in command.rest:
+            if QUALIFIER.fullmatch(word) or word.upper() in KINDS_OF_APERTURES:
+                raise self.fail(
+                    self.place,
+                    f"{word} stands where {command.shown} does not expect it; write it right "
+                    f"behind {command.word}, if it belongs to it",
+                )
+            self.warn(f"{self.place}: {word} in {command.shown} is not understood and is left out")
+
+    def _command(self, name: str, command: Command) -> None:
         if name in _HEAD:
-            _HEAD[name](self, words)
-        elif name in HARMLESS:
-            if name in ("SLB", "SLA") and self.drafts and len(words) > 1:
-                self.drafts[-1].label = words[-1].strip("'\"")
+            if self._is_of_first_position(command):
+                _HEAD[name](self, command)
         elif name in _LISTS:
-            self._list(name, words)
+            which = "" if name == "REF" else "W" if name in ("WL", "WTW") else "F"
+            if self._is_of_first_position(command, f"{which}Z"):
+                self._list(name, command)
+        elif name in ("SLB", "SLA") or name in ALONE:
+            self._of_surfaces(name, command)
+        elif name in HARMLESS:
+            command.take_all()
         elif name == "PIK":
-            self.pickups.append((self.place, words))
+            self.pickups.append((self.place, command.take_all()))
         else:
-            for plain in self._each_surface(words):
-                self._detail(name, plain)
+            self._of_surfaces(name, command)
 
-    def _each_surface(self, words: list[str]) -> Iterator[list[str]]:
-        """The command without its qualifier, once for each surface that it speaks of."""
-        kept, surfaces = [words[0]], None
-        for word in words[1:]:
-            # Qualifiers stand right behind the command; further on they belong to its values
-            match = _QUALIFIER.fullmatch(word) if len(kept) == 1 else None
-            if match is None:
-                kept.append(word)
-            elif match[1].upper() == "S":
-                surfaces = self._range(match, word)
-            elif match[1].upper() == "Z" and match[2] != "1":
-                if self.positions < 2:
-                    self.unknown.setdefault(f"{' '.join(words)}", []).append(self.place)
-                return  # the warning of the zoom positions speaks of the others
-            elif match[1].upper() != "Z":
-                kept.append(word)
-        if surfaces is None:
-            yield kept
+    def _is_of_first_position(self, command: Command, qualifiers: str = "Z") -> bool:
+        """Take the qualifiers before the value; whether it belongs to the position that is read."""
+        command.take_qualifiers(qualifiers)
+        position = command.qualifiers.get("Z", "Z1")
+        if position.upper() == "Z1":
+            return True
+        if self.positions < 2:
+            self.unknown.setdefault(command.shown, []).append(self.place)
+        command.take_all()  # the warning of the zoom positions speaks of the others
+        return False
+
+    def _of_surfaces(self, name: str, command: Command) -> None:
+        """A command once for each surface that it speaks of."""
+        if name in ("CIR", *APERTURES_NOT_ROUND):
+            command.takes_kinds = True
+        if not self._is_of_first_position(command, "SZ"):
             return
-        for index in surfaces:
-            self.spoken_of = index
-            yield kept
+        word = command.qualifiers.get("S")
+        match = QUALIFIER.fullmatch(word) if word else None
+        if word is None or match is None:
+            self._detail(name, command)
+            return
+        values = list(command.rest)
+        for index in self._range(match, word):
+            self.spoken_of, command.rest = index, list(values)
+            self._detail(name, command)
 
     def _range(self, match: re.Match[str], word: str) -> range:
         ends = [match[2].upper()]
@@ -249,30 +274,31 @@ class _Reader:
 
     # -- the head --------------------------------------------------------------------------------
 
-    def _mode(self, words: list[str]) -> None:
-        mode = len(words) < 2 or words[1].upper().startswith("Y")
+    def _mode(self, command: Command) -> None:
+        answer = command.rest[0].upper()[:1] if command.rest else "Y"
+        if answer in "YN" and command.rest:
+            command.take()
+        mode = answer != "N"
         curved = any(draft.shape for draft in self.drafts)
         if curved and (not self.mode_said or mode != self.radius_mode):
             raise self.fail(
                 self.place,
-                f"{' '.join(words)} stands behind surfaces, whose numbers it does not mean; put it "
+                f"{command.shown} stands behind surfaces, whose numbers it does not mean; put it "
                 "before them, and write all as radii or all as curvatures",
             )
         self.mode_said, self.radius_mode = True, mode
 
-    def _title(self, words: list[str]) -> None:
-        if len(words) > 1 and _QUALIFIER.fullmatch(words[1]):
-            return
-        self.title = " ".join(words[1:]).strip("'\"")
+    def _title(self, command: Command) -> None:
+        self.title = " ".join(command.take_all(shown=False)[1:]).strip("'\"")
 
-    def _unit(self, words: list[str]) -> None:
-        word = words[1].upper() if len(words) > 1 else ""
+    def _unit(self, command: Command) -> None:
+        word = command.take().upper()
         if word not in _UNITS:
             raise self.fail("DIM", "the unit must be M (mm), C (cm) or I (inches)")
         self.unit = _UNITS[word]
 
-    def _light(self, words: list[str]) -> None:
-        name, value = words[0].upper()[:3], self.number(words, 1)
+    def _light(self, command: Command) -> None:
+        name, value = command.word.upper()[:3], self.value(command)
         if name == "NA":
             self.aperture = Aperture(kind="working_f_number", value=0.5 / value if value else 0.0)
             return
@@ -282,8 +308,8 @@ class _Reader:
         }  # fmt: skip
         self.aperture = Aperture(kind=kinds[name], value=value)
 
-    def _air(self, words: list[str]) -> None:
-        name, value = words[0].upper()[:3], self.number(words, 1)
+    def _air(self, command: Command) -> None:
+        name, value = command.word.upper()[:3], self.value(command)
         normal, unit = _NORMAL[name]
         if value != normal:
             self.warn(
@@ -307,30 +333,40 @@ class _Reader:
                 self.place,
                 f"{' '.join(words)} does not give a value for each of {self.positions} positions",
             )
+        for word in words[-self.positions :]:
+            if QUALIFIER.fullmatch(word) and not words[1].upper().startswith("GLA"):
+                raise self.fail(self.place, f"{word} stands among the values of {' '.join(words)}")
         self.take([*words[1 : -self.positions], words[-self.positions]], self.line)
 
-    def _list(self, name: str, words: list[str]) -> None:
+    def _list(self, name: str, command: Command) -> None:
         """Values of all fields or wavelengths, or of the one that a qualifier names."""
-        match = _QUALIFIER.fullmatch(words[1]) if len(words) > 1 else None
+        word = command.qualifiers.get("F") or command.qualifiers.get("W")
+        match = QUALIFIER.fullmatch(word) if word else None
+        if match is None and name == "REF":
+            self.lists[name] = [self.value(command)]
+            return
         if match is None:
+            words = command.take_all(shown=False)
             self.lists[name] = [self.number(words, k) for k in range(1, len(words))]
             return
-        if match[1].upper() not in "FW" or match[3] or not match[2].isdigit() or match[2] == "0":
-            raise self.fail(self.place, f"{words[1]} is not understood after {name}")
+        if match[3] or not match[2].isdigit() or match[2] == "0":
+            raise self.fail(self.place, f"{word} is not understood after {name}")
         values, index = self.lists.setdefault(name, []), int(match[2])
         if index > 1000:
-            raise self.fail(self.place, f"there is no {words[1]}")
+            raise self.fail(self.place, f"there is no {word}")
         values.extend([1.0 if name.startswith("WT") else 0.0] * (index - len(values)))
-        values[index - 1] = self.number(words, 2)
+        values[index - 1] = self.value(command)
 
-    def _begin_private(self, words: list[str]) -> None:
+    def _begin_private(self, command: Command) -> None:
         self.in_private = True
 
-    def _private(self, name: str, words: list[str]) -> None:
+    def _private(self, name: str, command: Command) -> None:
         """A line between PRV and END: wavelengths, or a glass; it is read when it is used."""
         if name == "END":
             self.in_private = False
-        elif name == "PWL":
+            return
+        words = command.take_all()
+        if name == "PWL":
             self.private_nm = [self.number(words, k) for k in range(1, len(words))]
         elif words[0][0] in "'\"" or len(words) > 1:
             self.private[words[0].strip("'\"").upper()] = words
@@ -382,15 +418,16 @@ class _Reader:
         if len(words) > 3:
             draft.glass = words[3]
 
-    def _detail(self, name: str, words: list[str]) -> None:
+    def _detail(self, name: str, command: Command) -> None:
         """What a command says about a surface."""
         if name in NOT_TAKEN:
             self.not_taken.setdefault(f"{name}: {NOT_TAKEN[name]}", self.place)
+            command.take_all()
         elif name in MOVED:
-            if any(self.number(words, k) != 0.0 for k in range(1, len(words))):
+            if any(self.value(command) != 0.0 for _ in range(len(command.rest))):
                 raise self.fail(
                     self.place,
-                    f"is shifted or tilted ({' '.join(words)}), which is not understood; surfaces "
+                    f"is shifted or tilted ({command.plain}), which is not understood; surfaces "
                     "and apertures must stand about one axis",
                 )
         elif name in TYPES:
@@ -400,79 +437,91 @@ class _Reader:
                 "aspheres are understood: replace it in the design program",
             )
         elif name in APERTURES_NOT_ROUND:
+            command.take()
             self.warn(
                 f"{self.place}: its aperture {name} is {APERTURES_NOT_ROUND[name]}, not round, and "
                 "is left out; the semi-diameter is taken instead"
             )
+        elif name in ("SLB", "SLA"):
+            quoted = command.rest and command.rest[0][0] in "'\""
+            words = [command.take()] if quoted else command.take_all(shown=False)[1:]
+            label = " ".join(words).strip("'\"")
+            if self.spoken_of is not None and label:
+                self.drafts[self.spoken_of].label = label
         elif name in _OF_SURFACE or (len(name) == 1 and name in _COEFFICIENTS):
             if self.spoken_of is None:
                 raise self.fail(self.place, f"{name} belongs to a surface, but none stands here")
-            self._set(name, words, self.drafts[self.spoken_of])
-        else:
+            self._set(name, command, self.drafts[self.spoken_of])
+        elif name not in ALONE:
             self.unknown.setdefault(name, []).append(self.place)
+            command.take_all()
 
-    def _set(self, name: str, words: list[str], draft: _Draft) -> None:
+    def _set(self, name: str, command: Command, draft: _Draft) -> None:
         if name in _COEFFICIENTS:
-            draft.terms[_COEFFICIENTS.index(name)] = self.number(words, 1)
+            draft.terms[_COEFFICIENTS.index(name)] = self.value(command)
         elif name == "STO":
             for other in self.drafts:
                 other.stop = False
             draft.stop = True
         elif name == "K":
-            draft.conic = self.number(words, 1)
+            draft.conic = self.value(command)
         elif name == "CUF":
-            if self.number(words, 1) != 0.0:
+            if self.value(command) != 0.0:
                 raise self.fail(
                     self.place, "is a Fresnel surface on a curve (CUF), which cannot be traced"
                 )
         elif name == "CIR":
-            self._circle(words, draft)
+            self._circle(command, draft)
         elif name == "GLA":
-            draft.glass = words[1] if len(words) > 1 else ""
+            draft.glass = command.take()
         elif name == "RMD":
-            self._refract_mode(words, draft)
+            self._refract_mode(command, draft)
         elif name == "PIM":
-            if len(words) < 2 or not words[1].upper().startswith("N"):
+            answer = command.rest[0].upper()[:1] if command.rest else "Y"
+            if answer in "YN" and command.rest:
+                command.take()
+            if answer != "N":
                 self.solves.append(ThicknessSolve(surface=self.spoken_of or 0))
-        elif len(words) > 1 and plain_number(words[1]) is None:
-            self._solve(name, words)
+        elif command.rest and plain_number(command.rest[0]) is None:
+            self._solve(name, command)
         elif name == "THI":
-            draft.thickness = self.number(words, 1)
+            draft.thickness = self.value(command)
         elif name == "RDY":
-            radius = self.number(words, 1)
+            radius = self.value(command)
             draft.curvature = 1.0 / radius if radius else 0.0
         else:
-            draft.curvature = self.number(words, 1)
+            draft.curvature = self.value(command)
 
-    def _refract_mode(self, words: list[str], draft: _Draft) -> None:
-        mode = words[1].upper()[:4] if len(words) > 1 else ""
+    def _refract_mode(self, command: Command, draft: _Draft) -> None:
+        mode = command.take().upper()[:4]
         if mode not in ("REFL", "REFR"):
             raise self.fail(
-                self.place, f"{' '.join(words)} is not understood; it may reflect or refract"
+                self.place, f"{command.plain} is not understood; it may reflect or refract"
             )
         draft.mirror = mode == "REFL"
 
-    def _solve(self, name: str, words: list[str]) -> None:
+    def _solve(self, name: str, command: Command) -> None:
         """A thickness or curvature that follows from a ray: heights of the marginal ray count."""
-        if name == "THI" and words[1].upper() in ("HMY", "PIM"):
-            height = self.number(words, 2) if len(words) > 2 else 0.0
+        if name == "THI" and command.rest[0].upper() in ("HMY", "PIM"):
+            command.take()
+            height = self.value(command) if command.rest else 0.0
             self.solves.append(ThicknessSolve(surface=self.spoken_of or 0, height=height))
             return
         self.warn(
-            f"{self.place}: the solve {' '.join(words)} is not evaluated; the stored value is taken"
+            f"{self.place}: the solve {command.plain} is not evaluated; the stored value is taken"
         )
+        command.take_all()
 
-    def _circle(self, words: list[str], draft: _Draft) -> None:
-        kind = [word.upper() for word in words[1:-1] if not word.upper().startswith(("L'", 'L"'))]
-        radius = abs(self.number(words, len(words) - 1))
-        if "HOL" in kind:
+    def _circle(self, command: Command, draft: _Draft) -> None:
+        if len(command.kinds) > 1 or (command.rest and plain_number(command.rest[0]) is None):
+            raise self.fail(self.place, f"{command.shown} is not understood")
+        radius, kind = abs(self.value(command)), (command.kinds or ["CLR"])[0]
+        if kind == "HOL":
             draft.hole = radius
-        elif "OBS" in kind:
+        elif kind == "OBS":
             draft.obscuration = radius
-        elif "EDG" in kind:
+        elif kind == "EDG":
             draft.edge = radius
-        elif kind and kind != ["CLR"]:
-            raise self.fail(self.place, f"{' '.join(words)} is not understood")
         else:
             draft.clear = radius
 
@@ -617,7 +666,7 @@ class _Reader:
         """Follow ``PIK value surface value surface scale offset``."""
         for place, words in self.pickups:
             said = f"{place}: {' '.join(words)}"
-            plain = [word.upper() for word in words[1:] if not re.fullmatch(r"[zZ]\d+", word)]
+            plain = [word.upper() for word in words[1:] if word.upper() != "Z1"]
             match = re.fullmatch(
                 r"(THI|RDY|CUY|GLA|K) S(O|I|\d+) (THI|RDY|CUY|GLA|K) S(O|I|\d+)((?: \S+){0,2})",
                 " ".join(plain),
@@ -733,7 +782,7 @@ def _item(values: list[float], index: int, default: float) -> float:
 
 _OF_SURFACE = {"STO", "K", "CUF", "CIR", "GLA", "RMD", "PIM", "THI", "RDY", "CUY"}
 
-_HEAD: dict[str, Callable[[_Reader, list[str]], None]] = {
+_HEAD: dict[str, Callable[[_Reader, Command], None]] = {
     "RDM": _Reader._mode,
     "TIT": _Reader._title,
     "DIM": _Reader._unit,

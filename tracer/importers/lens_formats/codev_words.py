@@ -7,7 +7,7 @@ three letters.
 
 from __future__ import annotations
 
-__all__ = ["APERTURES_NOT_ROUND", "HARMLESS", "MOVED", "NOT_TAKEN", "TYPES"]
+__all__ = ["ALONE", "APERTURES_NOT_ROUND", "HARMLESS", "MOVED", "NOT_TAKEN", "TYPES"]
 
 _TEXT = "text about the file"
 _COUPLING = "says which values the optimisation may change"
@@ -31,6 +31,9 @@ HARMLESS = {
     "REV": "how a decentre acts, of which there is none",
 }  # fmt: skip
 """Commands that do not change the lens, and why."""
+
+ALONE = {"GO", "SPH", "CON", "ASP", "DAR", "BEN", "REV"}
+"""Harmless commands that have no values: a word behind them may be one that changes the lens."""
 
 NOT_TAKEN = {
     "PUI": "the pupil is apodised; the sources fill it evenly",

@@ -107,6 +107,7 @@ class _Block:
     places: dict[int, str] = field(default_factory=dict)
     picked: list[_Line] = field(default_factory=list)
     tilts: list[_Line] = field(default_factory=list)
+    extra: list[_Line] = field(default_factory=list)
 
     @property
     def kind(self) -> str:
@@ -187,6 +188,8 @@ class _Reader:
             block.picked.append(line)
         elif word == "SCBD":
             block.tilts.append(line)
+        elif word == "XDAT":
+            block.extra.append(line)
         elif word == "COAT":
             if line.values:
                 self.coatings.append(block.number)
@@ -276,6 +279,12 @@ class _Reader:
             self.warn(
                 f"{place}: is of type STANDARD, which has no parameters; its PARM are left out"
             )
+        for line in block.extra:
+            if self._optional(line, 1) != 0.0:
+                self.warn(
+                    f"{line.place}: is of type {block.kind}, which has no extra data; {line.shown} "
+                    "is left out"
+                )
         if block.kind == "EVENASPH":
             beyond = [number for number, value in block.parameters.items() if value and number > 8]
             if beyond:

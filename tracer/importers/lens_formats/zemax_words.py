@@ -47,7 +47,6 @@ HARMLESS_IN_SURFACES = {
     "TCEM": "thermal expansion, of which the values at the file's temperature are stored",
     "VCUR": "marks a variable", "VDSZ": "marks a variable", "VPAR": "marks a variable",
     "VCON": "marks a variable", "VGLA": "marks a variable",
-    "XDAT": "data of types of surfaces that are refused; STANDARD and EVENASPH have none",
 }  # fmt: skip
 """Words of surfaces that do not change the lens, and why."""
 
@@ -70,6 +69,7 @@ WORDS_OF_HEAD = {
 WORDS_OF_SURFACES = {
     "TYPE", "CURV", "CONI", "PARM", "DISZ", "GLAS", "DIAM", "MEMA", "CLAP", "FLAP", "OBSC",
     "OBDC", "SCBD", "STOP", "COMM", "COAT", "MAZH", "PZUP", "PPAR",
+    "XDAT",
 }  # fmt: skip
 """Words of surfaces that are read, those of apertures that are not round apart."""
 
