@@ -23,6 +23,9 @@ __all__ = ["Disc", "Elements", "build_elements"]
 
 Array = NDArray[np.float64]
 
+EDGE_SLACK = 0.02
+"""Share by which a rim may be narrower than the clear aperture, which other glasses widen."""
+
 AUTOMATIC_MARGIN = 1e-6
 """Share by which apertures that a program took from its rays are widened: its rays shall pass."""
 
@@ -129,6 +132,11 @@ class _Builder:
             return self.face_at[k]
         surface = self.surfaces[k]
         semi = self._semi_diameter(k)
+        if surface.mechanical and surface.mechanical < (1.0 - EDGE_SLACK) * semi:
+            self.warn(
+                f"surface {surface.number}: its edge, of radius {surface.mechanical:g}, lies "
+                f"within its clear aperture of {semi:.4g}, and is left out"
+            )
         for face in self.faces:
             if face.same_shape(surface, float(self.z[k]), 1e-9 * self.scale):
                 break

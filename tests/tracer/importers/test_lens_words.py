@@ -465,6 +465,7 @@ def test_words_left_over_are_heard(command: str, left: str) -> None:
     ("command", "words"),
     [
         ("CIR OBS S1 2 7", r"surface 1: 7 in CIR OBS S1 2 7 is not understood and is left out"),
+        ("CIR S1 EDG 2", "surface 1: its edge, of radius 2, lies within its clear aperture of 5"),
         ("STO S1 S2", "surface 1: S2 stands where STO S1 S2 does not expect it"),
         ("THI 3 S2", "S2 stands where THI 3 S2 does not expect it; write it right behind THI"),
         ("RDY -80 S2", "S2 stands where RDY -80 S2 does not expect it"),
