@@ -27,6 +27,7 @@ from raymap.model.errors import FormatError
 from raymap.model.jsontext import parse_json, write_json
 
 __all__ = [
+    "LostFooter",
     "COPIED",
     "Footer",
     "IndexEntry",
@@ -192,7 +193,16 @@ def _add_merged(
     streams.add("local_to_global", joined.astype(np.uint32))
 
 
-def find_footer(file: MapFile, size: int) -> Chunk | None:
+@dataclass(frozen=True)
+class LostFooter:
+    """Bytes at the end of a file that were a footer, and why they are none any more."""
+
+    offset: int
+    size: int
+    reason: str
+
+
+def find_footer(file: MapFile, size: int) -> Chunk | LostFooter | None:
     """The footer that ends the file, None if the file does not end with one."""
     tail = file.read(max(0, size - _TAIL.size), _TAIL.size)
     if len(tail) < _TAIL.size or not tail.endswith(TAIL_MAGIC):
@@ -203,9 +213,11 @@ def find_footer(file: MapFile, size: int) -> Chunk | None:
         return None
     try:
         chunk = file.chunk_at(size - length, size)
-    except FormatError:
-        return None
-    return chunk if chunk.tag == FOOTER and chunk.end == size else None
+    except FormatError as error:
+        return LostFooter(size - length, length, str(error))
+    if chunk.tag != FOOTER or chunk.end != size:
+        return LostFooter(size - length, length, "its head is that of another chunk")
+    return chunk
 
 
 def copied_directory(file: MapFile, chunk: Chunk) -> Directory | None:

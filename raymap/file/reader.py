@@ -36,6 +36,7 @@ from raymap.file.agreement import FalseFooter, compare_all
 from raymap.file.footer import (
     Footer,
     IndexEntry,
+    LostFooter,
     copied_directory,
     find_footer,
     read_footer,
@@ -480,7 +481,8 @@ class RayMap:
 
     def _load(self) -> None:
         size = self.file.size
-        self._footer_chunk = find_footer(self.file, size)
+        found = find_footer(self.file, size)
+        self._footer_chunk = found if isinstance(found, Chunk) else None
         self._load_directory(size)
         self._merged, self._merged_dropped, self._verified = None, False, None
         self._results = None
@@ -488,6 +490,9 @@ class RayMap:
         self.bytes = size
         if self._footer_chunk is None or not self._load_footer(self._footer_chunk):
             self._footer_chunk = None
+            if isinstance(found, LostFooter):
+                reason = f"footer: {found.reason}"
+                self._warn_of_footer(Damage(None, found.offset, found.size, reason))
             self._walk(size)
         self.finished = self._footer_chunk is not None
         self.runs = self._footer.runs
@@ -559,7 +564,8 @@ class RayMap:
 
     def _take_gap(self, gap: Gap, size: int) -> None:
         if gap.end == size:
-            self.torn_bytes = size - gap.offset
+            lost = any(item.offset == gap.offset for item in self.damage)
+            self.torn_bytes = 0 if lost else size - gap.offset
             self.bytes = gap.offset
         else:
             self._found(Damage(None, gap.offset, gap.end - gap.offset, gap.reason))

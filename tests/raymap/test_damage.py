@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import struct
 import tracemalloc
+import warnings
 
 import numpy as np
 import pytest
@@ -188,6 +189,30 @@ def test_damage_raises_by_default_and_names_place_and_loss(sound, tmp_path):
         result = verify(ray_map)
         assert (result.portions, result.good) == (3, 2)
         assert [damage.portion for damage in result.damage] == [0]
+
+
+def test_a_bit_of_the_footer_is_never_lost_without_a_word(sound, tmp_path):
+    data, written = sound
+    size = int.from_bytes(data[-24:-16], "little")
+    rays = sum(portion.n_rays for portion in written.values())
+    path = tmp_path / "changed.raymap"
+    lost = 0
+    for place in range(len(data) - size, len(data) - 24, max(1, size // 60)):
+        changed = bytearray(data)
+        changed[place] ^= 4
+        path.write_bytes(changed)
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            opened = raymap.open(path)
+        assert opened.rays == rays
+        if not opened.finished:
+            # The portions are read instead, with one warning
+            assert [item.category for item in told] == [raymap.DamageWarning]
+            lost += 1
+        found = verify(opened)
+        assert found.damage, place
+        assert found.torn_bytes == 0
+    assert lost > 20
 
 
 def test_damage_of_an_unfinished_map_raises_or_skips_at_opening(tmp_path):
