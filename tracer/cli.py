@@ -37,12 +37,9 @@ def register(app: typer.Typer) -> None:
     """Hang the commands of this package on the application."""
     from tracer.importers import cli as importers_cli
     from tracer.scattering import cli as scattering_cli
-    from tracer.studies import cli_polarization, crystal_cli
 
     app.command("record", rich_help_panel=Panel.RECORD)(record)
     app.command("check", rich_help_panel=Panel.RECORD)(check)
-    cli_polarization.register(app)
-    crystal_cli.register(app)
     scattering_cli.register(app)
     importers_cli.register(app)
 

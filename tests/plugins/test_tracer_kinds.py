@@ -153,3 +153,16 @@ def test_laws_that_do_not_fit_together_are_refused(
     )
     with pytest.raises(Exception, match=message):
         check_law(law, np.zeros(1), 1.0, 1.0, 1, "scene: surfaces.s")
+
+
+def test_a_broken_neighbour_does_not_stop_scenes_that_do_without_it(tmp_path: Path) -> None:
+    site = install(tmp_path, {"tracer.surfaces": {"broken": "raymap_example_kinds.nothing:Broken"}})
+    text = BEAM + '[surfaces.s]\nkind = "retroreflector"\nreflectance = 0.9\n'
+    text += '[bodies.b]\nkind = "rectangle"\nsize = [9, 9]\nsurface = "s"\nposition = [0, 0, 9]\n'
+    (tmp_path / "scene.toml").write_text(text, encoding="utf-8")
+    command = ("-m", "raymap", "record", "scene.toml", "-o", "a.raymap", "--rays", "100")
+    done = run(site, *command, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    done = run(site, "-m", "raymap", "kinds", "surfaces", folder=tmp_path)
+    assert done.returncode == 1
+    assert "raymap-example-kinds" in done.stderr

@@ -20,7 +20,7 @@ def detector_number(kind: type[DetectorKind]) -> int:
     """Number of a kind of another distribution, which does not depend on what is installed."""
     if not issubclass(kind, ViewDetector):
         return 0
-    return 1 + zlib.crc32(str(kind.model_fields["kind"].default).encode())
+    return _of_word(str(kind.model_fields["kind"].default))
 
 
 def detector_tasks(detector_i: I64) -> list[Task]:
@@ -34,11 +34,16 @@ def link_detectors(detector_i: I64) -> None:
         detector_i[detector_i[:, D_KIND] == number, D_REGISTER] = address_of(task)
 
 
+def _of_word(word: str) -> int:
+    return 1 + zlib.crc32(word.encode())
+
+
 def _links(detector_i: I64) -> Iterator[tuple[int, Task]]:
     present = {int(number) for number in np.unique(detector_i[:, D_KIND])}
     if not present - {0}:
         return
-    for kind in DETECTORS.values():
+    # Only what the scene has is imported
+    for kind in [DETECTORS[word] for word in DETECTORS if _of_word(word) in present]:
         number = detector_number(kind)
         if number in present and issubclass(kind, ViewDetector):
             yield number, REGISTER.task(kind.register)

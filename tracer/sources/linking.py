@@ -20,7 +20,7 @@ def source_number(kind: type[Source]) -> int:
     """Number of a kind with a law of its own, which does not depend on what else is installed."""
     if kind.law is None:
         return 0
-    return 1 + zlib.crc32(str(kind.model_fields["kind"].default).encode())
+    return _of_word(str(kind.model_fields["kind"].default))
 
 
 def source_tasks(source_i: I64, *, towards: bool = False) -> list[Task]:
@@ -34,11 +34,16 @@ def link_sources(source_i: I64, *, towards: bool = False) -> None:
         source_i[source_i[:, L_KIND] == number, column] = address_of(task)
 
 
+def _of_word(word: str) -> int:
+    return 1 + zlib.crc32(word.encode())
+
+
 def _links(source_i: I64, *, towards: bool) -> Iterator[tuple[int, int, Task]]:
     present = {int(number) for number in np.unique(source_i[:, L_KIND])}
     if not present - {0}:
         return
-    for kind in SOURCES.values():
+    # Only what the scene has is imported
+    for kind in [SOURCES[word] for word in SOURCES if _of_word(word) in present]:
         number = source_number(kind)
         if kind.law is None or number not in present:
             continue

@@ -25,7 +25,11 @@ def number_of(kind: type[Surface]) -> int:
     """Number of a kind, which does not depend on what else is installed."""
     if kind.number >= 0:
         return kind.number
-    word = str(kind.model_fields["kind"].default)
+    return _of_word(str(kind.model_fields["kind"].default))
+
+
+def _of_word(word: str) -> int:
+    """Number of a kind that is not built in."""
     return _FIRST_OF_OTHERS + zlib.crc32(word.encode())
 
 
@@ -51,14 +55,15 @@ def link_surfaces(surface_i: I64, *, towards: bool = False) -> None:
 def _links(surface_i: I64, *, towards: bool) -> Iterator[_Link]:
     """What kinds are called for; the plain ones and mirrors are part of their callers."""
     present = {int(number) for number in np.unique(surface_i[:, S_KIND])}
-    plain = {"absorber", "dielectric", "lambertian", "mirror"}
     if max(present, default=0) <= MIRROR:
         return
-    for word in SURFACES:
-        kind = SURFACES[word] if word not in plain else None
-        if kind is None or number_of(kind) not in present:
-            continue
+    # Of other distributions only what the scene has is imported
+    kinds = [entry.kind for entry in SURFACES.entries(ours=True)]
+    kinds += [SURFACES[word] for word in SURFACES if _of_word(word) in present]
+    for kind in kinds:
         number = number_of(kind)
+        if number not in present or number <= MIRROR:
+            continue
 
         def link(column: int, door: Door, function: object, number: int = number) -> _Link:
             return _Link(number, column, door.task(function))
