@@ -19,14 +19,14 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numba
 import numpy as np
 
-from tracer.scattering.datafile import load_measurement
-from tracer.scattering.fit_exact import fit_wavelength
-from tracer.scattering.fit_material import fit_material, wavelength_problem
-from tracer.scattering.fit_mc import fit_monte_carlo
-from tracer.scattering.goniophotometer import AngularGrid, plate_problem
-from tracer.scattering.medium import ScatteringMedium
-from tracer.scattering.plate_exact import ExactPlates
-from tracer.scattering.plate_kernel import TOTALS, trace_plate
+from tracer.scattering.fits.fit_exact import fit_wavelength
+from tracer.scattering.fits.fit_material import fit_material, wavelength_problem
+from tracer.scattering.fits.fit_mc import fit_monte_carlo
+from tracer.scattering.measured.datafile import load_measurement
+from tracer.scattering.plates.goniophotometer import AngularGrid, plate_problem
+from tracer.scattering.plates.medium import ScatteringMedium
+from tracer.scattering.plates.plate_exact import ExactPlates
+from tracer.scattering.plates.plate_kernel import TOTALS, trace_plate
 
 SAMPLES = Path(__file__).parent.parent / "samples" / "opal"
 SEED = 1

@@ -10,9 +10,9 @@ import numpy as np
 
 from tracer.crystals.media import biaxial, calcite, uniaxial
 from tracer.render.images import to_bytes, write_png
-from tracer.studies.crystal_verification import verify_crystals
-from tracer.studies.microscope import Microscope
-from tracer.studies.thin_section import random_grains, stage_animation
+from tracer.studies.crystals.crystal_verification import verify_crystals
+from tracer.studies.microscopy.microscope import Microscope
+from tracer.studies.microscopy.thin_section import random_grains, stage_animation
 
 IMAGES = Path(__file__).parent / "images"
 PICTURES = {

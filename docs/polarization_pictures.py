@@ -10,12 +10,13 @@ from raymap.optics.colorimetry import channel_display_rgb, encode_srgb
 from tracer.crystals.media import biaxial, calcite
 from tracer.figures import save_figure, save_picture
 from tracer.lens import Glass, Lens
-from tracer.studies.cone import axial_cone, masked_cone
-from tracer.studies.lens_beams import parallel_beam
-from tracer.studies.lens_pictures import LensCamera, lens_picture
-from tracer.studies.levels import level_shares, shares_by_height
-from tracer.studies.microscope import Microscope, conoscopy
-from tracer.studies.newton_rings import newton_rings
+from tracer.studies.lenses.cone import axial_cone, masked_cone
+from tracer.studies.lenses.lens_beams import parallel_beam
+from tracer.studies.lenses.lens_pictures import LensCamera, lens_picture
+from tracer.studies.lenses.levels import level_shares, shares_by_height
+from tracer.studies.lenses.newton_rings import newton_rings
+from tracer.studies.microscopy.microscope import Microscope, conoscopy
+from tracer.studies.microscopy.specimens import CrystalPlate
 from tracer.studies.polarization_plots import (
     plot_cones,
     plot_conoscopy,
@@ -23,7 +24,6 @@ from tracer.studies.polarization_plots import (
     plot_michel_levy,
     plot_rings,
 )
-from tracer.studies.specimens import CrystalPlate
 
 IMAGES = Path(__file__).parent / "images"
 LINE_D = 587.5618

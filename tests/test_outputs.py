@@ -23,7 +23,7 @@ from raymap.tables.exr import write_exr
 from tests.viewer.small_map import write_map
 from tracer.figures import save_figure, save_picture
 from tracer.render.images import write_animation, write_png
-from tracer.scattering.material_file import write_result
+from tracer.scattering.fits.material_file import write_result
 from tracer.scene.load import parse_scene
 from tracer.studies.section import draw_section
 from viewer import ViewState, save_state

@@ -86,14 +86,14 @@ LONG = ("render", "verify-crystals")
 
 DRAWN = {
     "chart": ("matplotlib", "query.answers.images.images.detector_image"),
-    "fit-scattering": ("matplotlib", "tracer.scattering.fit_material.fit_material"),
-    "goniophotometer": ("matplotlib", "tracer.scattering.goniophotometer.measure_plate"),
+    "fit-scattering": ("matplotlib", "tracer.scattering.fits.fit_material.fit_material"),
+    "goniophotometer": ("matplotlib", "tracer.scattering.plates.goniophotometer.measure_plate"),
     "image": ("tifffile", "query.answers.images.images.detector_images"),
-    "lens-cone": ("matplotlib", "tracer.studies.cone.masked_cone"),
-    "lens-levels": ("matplotlib", "tracer.studies.levels.level_shares"),
-    "lens-picture": ("PIL", "tracer.studies.lens_pictures.lens_picture"),
-    "lens-vignetting": ("matplotlib", "tracer.studies.vignetting.vignetting"),
-    "microscope": ("PIL", "tracer.studies.microscope.conoscopy"),
+    "lens-cone": ("matplotlib", "tracer.studies.lenses.cone.masked_cone"),
+    "lens-levels": ("matplotlib", "tracer.studies.lenses.levels.level_shares"),
+    "lens-picture": ("PIL", "tracer.studies.lenses.lens_pictures.lens_picture"),
+    "lens-vignetting": ("matplotlib", "tracer.studies.lenses.vignetting.vignetting"),
+    "microscope": ("PIL", "tracer.studies.microscopy.microscope.conoscopy"),
     "picture": ("PIL", "viewer.drawn.answers.draw_rays"),
 }
 """Commands that draw: the module that does, and what they compute before."""

@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 
 from raymap.optics.fresnel import reflectance_column
-from tracer.scattering.medium import ScatteringMedium
-from tracer.scattering.plate_bsdf import plate_bsdf
-from tracer.scattering.plate_exact import ExactPlates
-from tracer.scattering.tilt import gaussian_tilt
+from tracer.scattering.plates.medium import ScatteringMedium
+from tracer.scattering.plates.plate_bsdf import plate_bsdf
+from tracer.scattering.plates.plate_exact import ExactPlates
+from tracer.scattering.plates.tilt import gaussian_tilt
 
 HERE = Path(__file__).parent
 WAVELENGTHS = np.arange(430.0, 701.0, 10.0)

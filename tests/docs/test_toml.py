@@ -136,7 +136,7 @@ def names(block: Block, folder: Path, run: Run) -> None:
 
 
 def measurement(block: Block, folder: Path, run: Run) -> None:
-    from tracer.scattering.datafile import load_measurement
+    from tracer.scattering.measured.datafile import load_measurement
 
     for table in (ROOT / "samples" / "opal").glob("b_2.05_*.csv"):
         (folder / table.name).write_bytes(table.read_bytes())

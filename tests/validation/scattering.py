@@ -9,8 +9,8 @@ import numpy as np
 from raymap.model.events import Event
 from tests.tracer.engine.tracing import compiled, trace
 from tests.validation import Row, check
-from tracer.scattering.medium import ScatteringMedium
-from tracer.scattering.plate_exact import reflectance_transmittance
+from tracer.scattering.plates.medium import ScatteringMedium
+from tracer.scattering.plates.plate_exact import reflectance_transmittance
 
 
 @check(

@@ -13,8 +13,8 @@ from raymap.model.extras import require
 from raymap.model.replacing import check_folder
 
 if TYPE_CHECKING:
-    from tracer.scattering.fit_material import MaterialFit
-    from tracer.scattering.medium import ScatteringMedium
+    from tracer.scattering.fits.fit_material import MaterialFit
+    from tracer.scattering.plates.medium import ScatteringMedium
 
 __all__ = ["register"]
 
@@ -52,11 +52,11 @@ def fit_scattering(
     json: Json = False,
 ) -> None:
     """Find mean free path, absorption and phase function from measured plates."""
-    from tracer.scattering.datafile import load_measurement
-    from tracer.scattering.fit_material import fit_material, wavelength_problem
-    from tracer.scattering.identifiability import sensitivity
-    from tracer.scattering.statements import describe_fit
-    from tracer.scattering.surface import surface_tilt
+    from tracer.scattering.fits.fit_material import fit_material, wavelength_problem
+    from tracer.scattering.fits.identifiability import sensitivity
+    from tracer.scattering.fits.statements import describe_fit
+    from tracer.scattering.fits.surface import surface_tilt
+    from tracer.scattering.measured.datafile import load_measurement
 
     if output is not None:
         require("matplotlib")
@@ -98,8 +98,8 @@ def _monte_carlo(
     evaluations: int,
     seed: int,
 ) -> dict[str, Any]:
-    from tracer.scattering.fit_material import wavelength_problem
-    from tracer.scattering.fit_mc import fit_monte_carlo
+    from tracer.scattering.fits.fit_material import wavelength_problem
+    from tracer.scattering.fits.fit_mc import fit_monte_carlo
 
     start = next(f for f in fit.wavelengths if f.wavelength_nm == wavelength)
     problem = wavelength_problem(measurement, settings, wavelength)
@@ -161,7 +161,7 @@ def _summary(
 
 
 def _write_results(folder: Path, fit: MaterialFit, report: list[str]) -> list[str]:
-    from tracer.scattering.material_file import material_toml, result_csv, write_result
+    from tracer.scattering.fits.material_file import material_toml, result_csv, write_result
     from tracer.scattering.plots import plot_measured, plot_parameters
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -213,9 +213,9 @@ def goniophotometer(
     json: Json = False,
 ) -> None:
     """Light a plate of a scattering medium and measure BRDF, BTDF, R and T."""
-    from tracer.scattering.goniophotometer import measure_plate
-    from tracer.scattering.medium_file import load_media
-    from tracer.scattering.tilt import gaussian_tilt
+    from tracer.scattering.plates.goniophotometer import measure_plate
+    from tracer.scattering.plates.medium_file import load_media
+    from tracer.scattering.plates.tilt import gaussian_tilt
 
     if output is not None:
         require("matplotlib")
@@ -272,7 +272,7 @@ def goniophotometer(
 
 
 def _write_goniograms(folder: Path, lights: list[Any]) -> list[str]:
-    from tracer.scattering.material_file import goniogram_csv, write_result
+    from tracer.scattering.fits.material_file import goniogram_csv, write_result
     from tracer.scattering.plots import plot_goniogram, plot_spectrum
 
     folder.mkdir(parents=True, exist_ok=True)

@@ -11,8 +11,8 @@ import numpy as np
 from raymap.model.doubt import marked
 from raymap.model.extras import require
 from tracer.figures import save_figure
-from tracer.scattering.fit_material import MaterialFit
-from tracer.scattering.goniophotometer import Goniogram
+from tracer.scattering.fits.fit_material import MaterialFit
+from tracer.scattering.plates.goniophotometer import Goniogram
 
 __all__ = ["plot_goniogram", "plot_measured", "plot_parameters", "plot_spectrum"]
 

@@ -18,7 +18,7 @@ from raymap.model.events import Event
 from raymap.model.portion import Portion
 from raymap.model.schema import COLOR_SCALE, NORMAL_SCALE
 from raymap.optics.fluxes import variances
-from tracer.scattering.goniophotometer import AngularGrid, Goniogram
+from tracer.scattering.plates.goniophotometer import AngularGrid, Goniogram
 from tracer.scene.compilations import compilation_of
 from tracer.scene.compile import Compilation
 from tracer.scene.model import Scene

@@ -90,8 +90,8 @@ def lens_levels(
     import numpy as np
 
     from tracer.figures import check_figure, save_figure
-    from tracer.studies.lens_beams import parallel_beam
-    from tracer.studies.levels import level_shares, shares_by_height
+    from tracer.studies.lenses.lens_beams import parallel_beam
+    from tracer.studies.lenses.levels import level_shares, shares_by_height
 
     if output is not None:
         check_figure(output)
@@ -142,7 +142,7 @@ def lens_cone(
     import numpy as np
 
     from tracer.figures import check_figure, save_figure
-    from tracer.studies.cone import axial_cone, masked_cone
+    from tracer.studies.lenses.cone import axial_cone, masked_cone
 
     if output is not None:
         check_figure(output)
@@ -204,7 +204,7 @@ def lens_vignetting(
 
     from tracer.figures import check_figure, save_figure
     from tracer.lens.errors import LensError
-    from tracer.studies.vignetting import vignetting
+    from tracer.studies.lenses.vignetting import vignetting
 
     if steps < 2 or not 0.0 < field < 90.0:
         raise LensError("field must lie between 0 and 90 degrees, steps must be 2 or more")
@@ -261,8 +261,8 @@ def lens_picture(
     """Paint a board of squares seen through a lens."""
     from raymap.optics.colorimetry import encode_srgb
     from tracer.figures import check_picture, save_picture
-    from tracer.studies.lens_pictures import LensCamera
-    from tracer.studies.lens_pictures import lens_picture as render
+    from tracer.studies.lenses.lens_pictures import LensCamera
+    from tracer.studies.lenses.lens_pictures import lens_picture as render
 
     check_picture(output)
     lens = _lens(radii, thickness, semi_apertures, glass)

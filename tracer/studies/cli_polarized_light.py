@@ -12,7 +12,7 @@ from raymap.cli.options import Json, emit_json
 from raymap.model.errors import SceneError
 
 if TYPE_CHECKING:
-    from tracer.studies.specimens import CrystalPlate
+    from tracer.studies.microscopy.specimens import CrystalPlate
 
 __all__ = ["microscope", "record_polarized"]
 
@@ -51,8 +51,8 @@ def microscope(
     from tracer.figures import check_picture, save_picture
     from tracer.optics.polarization_elements import Retarder
     from tracer.studies.interference_colors import srgb_of
-    from tracer.studies.microscope import Microscope, conoscopy
-    from tracer.studies.microscope_bench import bench_conoscopy
+    from tracer.studies.microscopy.microscope import Microscope, conoscopy
+    from tracer.studies.microscopy.microscope_bench import bench_conoscopy
 
     check_picture(output)
     plate = _plate(crystal, thickness, tilt, stage)
@@ -89,7 +89,7 @@ def _plate(crystal: str, thickness_um: float, tilt_deg: float, stage_deg: float)
     import numpy as np
 
     from tracer.crystals.media import biaxial, calcite, uniaxial
-    from tracer.studies.specimens import CrystalPlate
+    from tracer.studies.microscopy.specimens import CrystalPlate
 
     tilt, turn = math.radians(tilt_deg), math.radians(stage_deg)
     about_y = np.array(

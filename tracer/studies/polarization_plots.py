@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.model.extras import require
-from tracer.studies.cone import AxialCone, MaskedCone
 from tracer.studies.interference_colors import interference_srgb, srgb_of
-from tracer.studies.levels import LevelShares
-from tracer.studies.microscope import Conoscopy
-from tracer.studies.vignetting import Vignetting
+from tracer.studies.lenses.cone import AxialCone, MaskedCone
+from tracer.studies.lenses.levels import LevelShares
+from tracer.studies.lenses.vignetting import Vignetting
+from tracer.studies.microscopy.microscope import Conoscopy
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -16,8 +16,8 @@ from tracer import compile_scene, parse_scene
 from tracer.lens import Lens
 from tracer.polarized.record import Polarization, PolarizedWavefront, record_polarized
 from tracer.scene.load import load_scene
-from tracer.studies.lens_beams import parallel_beam
-from tracer.studies.levels import level_shares
+from tracer.studies.lenses.lens_beams import parallel_beam
+from tracer.studies.lenses.levels import level_shares
 
 HEAD = """
 length_unit = "mm"

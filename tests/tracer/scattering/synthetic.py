@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tracer.scattering.measurement import FluxTable
-from tracer.scattering.medium import ScatteringMedium
-from tracer.scattering.plate_exact import reflectance_transmittance
-from tracer.scattering.problem import WavelengthProblem
+from tracer.scattering.fits.problem import WavelengthProblem
+from tracer.scattering.measured.measurement import FluxTable
+from tracer.scattering.plates.medium import ScatteringMedium
+from tracer.scattering.plates.plate_exact import reflectance_transmittance
 
 __all__ = ["DENSE", "DENSE_PLATES", "CLEAR", "CLEAR_PLATES", "flux_table", "problem_of"]
 

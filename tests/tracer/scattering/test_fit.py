@@ -13,12 +13,12 @@ from tests.tracer.scattering.synthetic import (
     flux_table,
     problem_of,
 )
-from tracer.scattering.fit_exact import fit_wavelength, published_objective
-from tracer.scattering.fit_mc import fit_monte_carlo, traced_fluxes
-from tracer.scattering.identifiability import profile_along_g, sensitivity
-from tracer.scattering.measurement import MeasurementError
-from tracer.scattering.medium import ScatteringMedium
-from tracer.scattering.problem import medium_of, parameters_of
+from tracer.scattering.fits.fit_exact import fit_wavelength, published_objective
+from tracer.scattering.fits.fit_mc import fit_monte_carlo, traced_fluxes
+from tracer.scattering.fits.identifiability import profile_along_g, sensitivity
+from tracer.scattering.fits.problem import medium_of, parameters_of
+from tracer.scattering.measured.measurement import MeasurementError
+from tracer.scattering.plates.medium import ScatteringMedium
 
 CASES = [(DENSE, DENSE_PLATES), (CLEAR, CLEAR_PLATES)]
 
@@ -110,8 +110,8 @@ def test_parameters_come_back() -> None:
 
 
 def test_section_of_the_thinnest_plate_tells_more_about_g() -> None:
-    from tracer.scattering.plate_bsdf import plate_bsdf
-    from tracer.scattering.problem import WavelengthProblem
+    from tracer.scattering.fits.problem import WavelengthProblem
+    from tracer.scattering.plates.plate_bsdf import plate_bsdf
 
     theta = np.array([0.0, 5.0, 10.0, 20.0, 30.0, 45.0, 60.0])
     thin = ScatteringMedium(mean_free_path_mm=0.5, absorption_per_mm=0.01, g=0.35, gamma=10.0)

@@ -11,12 +11,12 @@ import pytest
 
 from raymap.model.errors import SceneError
 from tracer.optics.phase import sample_generalized
-from tracer.scattering.goniophotometer import AngularGrid, measure_plate, measure_spectrum
-from tracer.scattering.medium import ScatteringMedium
-from tracer.scattering.plate_bsdf import plate_bsdf
-from tracer.scattering.plate_exact import reflectance_transmittance, unscattered
-from tracer.scattering.plate_kernel import prepare_phase, sample_prepared
-from tracer.scattering.tilt import gaussian_tilt, tabulated_tilt, tilt_from_brdf
+from tracer.scattering.plates.goniophotometer import AngularGrid, measure_plate, measure_spectrum
+from tracer.scattering.plates.medium import ScatteringMedium
+from tracer.scattering.plates.plate_bsdf import plate_bsdf
+from tracer.scattering.plates.plate_exact import reflectance_transmittance, unscattered
+from tracer.scattering.plates.plate_kernel import prepare_phase, sample_prepared
+from tracer.scattering.plates.tilt import gaussian_tilt, tabulated_tilt, tilt_from_brdf
 
 RINGS = AngularGrid(theta_edges_deg=np.linspace(0.0, 90.0, 19), n_phi=1)
 OPAL = ScatteringMedium(mean_free_path_mm=0.35, absorption_per_mm=0.01, g=0.35, gamma=10.0)

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tracer.scattering.bsdf_xml import read_bsdf_xml
-from tracer.scattering.datafile import load_measurement
-from tracer.scattering.measurement import MeasurementError
-from tracer.scattering.tables import read_scatter_astm, read_scatter_csv
+from tracer.scattering.measured.bsdf_xml import read_bsdf_xml
+from tracer.scattering.measured.datafile import load_measurement
+from tracer.scattering.measured.measurement import MeasurementError
+from tracer.scattering.measured.tables import read_scatter_astm, read_scatter_csv
 
 SAMPLES = Path(__file__).parents[3] / "samples" / "opal"
 GOOD = [(550, a, r, t) for a, r, t in ((0, 0.29, 0.63), (10, 0.295, 0.62), (30, 0.31, 0.6))]
@@ -213,8 +213,8 @@ def test_a_brdf_over_the_visible_tilts_faces(tmp_path: Path) -> None:
     """Tables averaged over the visible are compared with the fit of averages."""
     from types import SimpleNamespace
 
-    from tracer.scattering.medium import ScatteringMedium
-    from tracer.scattering.surface import surface_tilt
+    from tracer.scattering.fits.surface import surface_tilt
+    from tracer.scattering.plates.medium import ScatteringMedium
 
     path = tmp_path / "sample.xml"
     path.write_text(klems(np.full((3, 3), 0.5)))

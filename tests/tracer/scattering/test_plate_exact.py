@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from raymap.laws.phase import generalized_row, legendre_moments, rayleigh_row
 from raymap.model.errors import SceneError
 from tests.naive.adding_doubling import doubled_plate
-from tracer.scattering.medium import ScatteringMedium
-from tracer.scattering.moments import generalized_moments
-from tracer.scattering.plate_bsdf import plate_bsdf
-from tracer.scattering.plate_exact import (
+from tracer.scattering.plates.medium import ScatteringMedium
+from tracer.scattering.plates.moments import generalized_moments
+from tracer.scattering.plates.plate_bsdf import plate_bsdf
+from tracer.scattering.plates.plate_exact import (
     ExactPlates,
     enough_nodes,
     reflectance_transmittance,

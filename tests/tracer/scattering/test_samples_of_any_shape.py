@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from tracer.scattering.goniophotometer import AngularGrid, Goniogram
-from tracer.scattering.medium import ScatteringMedium
-from tracer.scattering.plate_exact import reflectance_transmittance
+from tracer.scattering.plates.goniophotometer import AngularGrid, Goniogram
+from tracer.scattering.plates.medium import ScatteringMedium
+from tracer.scattering.plates.plate_exact import reflectance_transmittance
 from tracer.scattering.scene_goniophotometer import measure_scene
 from tracer.scene.load import load_scene, parse_scene
 

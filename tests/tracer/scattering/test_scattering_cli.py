@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from raymap.model.errors import RayMapError
 from tests.tracer.scattering.synthetic import CLEAR, flux_table
 from tracer.scattering.cli import register
-from tracer.scattering.medium_file import load_media
+from tracer.scattering.plates.medium_file import load_media
 from tracer.scene.load import parse_scene
 
 APP = typer.Typer()

@@ -10,9 +10,9 @@ import pytest
 
 import raymap
 from raymap.model.errors import SceneError
-from tracer.scattering.goniophotometer import AngularGrid, measure_plate
-from tracer.scattering.medium import ScatteringMedium
-from tracer.scattering.plate_exact import reflectance_transmittance
+from tracer.scattering.plates.goniophotometer import AngularGrid, measure_plate
+from tracer.scattering.plates.medium import ScatteringMedium
+from tracer.scattering.plates.plate_exact import reflectance_transmittance
 from tracer.scattering.scene_goniophotometer import measure_scene
 from tracer.scene.load import parse_scene
 from tracer.scene.model import Scene

@@ -9,9 +9,9 @@ import pytest
 
 from raymap.model.errors import SceneError
 from tracer.crystals.local_model import OutgoingRay, raymap_model
-from tracer.studies.conical_refraction import ConicalScene, conical_checks
-from tracer.studies.crystal_checks import local_checks
-from tracer.studies.crystal_verification import (
+from tracer.studies.crystals.conical_refraction import ConicalScene, conical_checks
+from tracer.studies.crystals.crystal_checks import local_checks
+from tracer.studies.crystals.crystal_verification import (
     SCENES,
     find_model,
     scene_text,

@@ -9,8 +9,8 @@ import pytest
 
 from raymap.model.errors import SceneError
 from tracer.lens import Glass, Lens
-from tracer.studies.lens_pictures import Board, LensCamera, lens_picture
-from tracer.studies.newton_rings import newton_rings
+from tracer.studies.lenses.lens_pictures import Board, LensCamera, lens_picture
+from tracer.studies.lenses.newton_rings import newton_rings
 
 CAMERA = LensCamera(eye=(0.0, 0.0, -70.0), half_angle_deg=15.0, pixels=24, samples=1)
 LENS = Lens(

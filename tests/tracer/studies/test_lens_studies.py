@@ -11,10 +11,10 @@ from scipy.optimize import brentq
 
 from tests.tracer.lens.lenses import LINE_D, N_D, biconvex, plate
 from tracer.lens import LensError
-from tracer.studies.cone import axial_cone, inside_cone, masked_cone
-from tracer.studies.lens_beams import parallel_beam, point_beam
-from tracer.studies.levels import level_shares, shares_by_height
-from tracer.studies.vignetting import vignetting
+from tracer.studies.lenses.cone import axial_cone, inside_cone, masked_cone
+from tracer.studies.lenses.lens_beams import parallel_beam, point_beam
+from tracer.studies.lenses.levels import level_shares, shares_by_height
+from tracer.studies.lenses.vignetting import vignetting
 
 
 @pytest.mark.parametrize(("depth", "degrees"), [(2, 23.376199), (3, 20.789603), (5, 16.929366)])

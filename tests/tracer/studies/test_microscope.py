@@ -17,11 +17,17 @@ from tracer.lens import Lens
 from tracer.optics.polarization_elements import Diaphragm, Polarizer, Retarder
 from tracer.optics.polarization_rays import PolarizationError, PolarizedRays
 from tracer.studies.interference_colors import interference_xyz, white_weights
-from tracer.studies.lens_beams import parallel_beam
-from tracer.studies.microscope import Microscope, conoscopy, orthoscopy
-from tracer.studies.microscope_bench import bench_conoscopy
-from tracer.studies.microscope_train import LensStage, MapStage, PlateStage, Screen, run_train
-from tracer.studies.specimens import CrystalPlate, RetarderPlate
+from tracer.studies.lenses.lens_beams import parallel_beam
+from tracer.studies.microscopy.microscope import Microscope, conoscopy, orthoscopy
+from tracer.studies.microscopy.microscope_bench import bench_conoscopy
+from tracer.studies.microscopy.microscope_train import (
+    LensStage,
+    MapStage,
+    PlateStage,
+    Screen,
+    run_train,
+)
+from tracer.studies.microscopy.specimens import CrystalPlate, RetarderPlate
 
 N_O, N_E = 1.6583574, 1.4864161
 CALCITE = uniaxial(N_O, N_E, name="calcite")

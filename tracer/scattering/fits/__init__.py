@@ -1,0 +1,1 @@
+"""Which medium and which surface a set of plates is."""

@@ -1,0 +1,1 @@
+"""What a plate of a medium shows: solved, and walked."""

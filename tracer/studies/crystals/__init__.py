@@ -1,0 +1,1 @@
+"""Crystals that split light: cases with known answers, and pictures."""

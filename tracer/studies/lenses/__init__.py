@@ -1,0 +1,1 @@
+"""Lenses as trees of rays: cones of polarisation, coatings, rings."""

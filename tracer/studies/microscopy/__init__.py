@@ -1,0 +1,1 @@
+"""The polarising microscope."""
