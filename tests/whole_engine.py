@@ -3,8 +3,8 @@
 The engine is compiled for what a scene needs: members of the compiled scene that are None are left
 out, and every combination of them compiles for half a minute. Under test each scene gets all of
 them, empty where it needs none, so that one engine traces nearly all. What users run, the engine of
-each scene's own needs, is held against it by ``tests/tracer/engine/test_own_engines.py``, and runs
-all tests with ``pytest --own-engines``.
+each scene's own needs, is held against it by ``tests/tracer/transport/test_own_engines.py``, and
+runs all tests with ``pytest --own-engines``.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ import pytest
 
 from tests.docs import test_pages, test_python, test_toml
 from tests.docs.blocks import EVERY, FILES, Block, of_page
-from tests.query import test_docs
+from tests.query.expression import test_docs
 
 RUN = {
     *test_pages.BLOCKS,
@@ -29,7 +29,7 @@ NOT_RUN = {
         "a diagram; the independent reader of tests/naive reads files by it",
     (FORMAT, "A = q_aa"): "formulas; the independent reader of tests/naive computes them",
     (FORMAT, "0000  89 52 41 59 4D 41 50 0D 0A 1A 0A 00    magic"):
-        "bytes of a map; tests/raymap/test_format_page.py reads and writes them",
+        "bytes of a map; tests/raymap/file/test_format_page.py reads and writes them",
     ("docs/service.md", 'var channel = GrpcChannel.ForAddress("http://localhost:36413");'):
         "C#, which needs .NET; test_python.py sends what it sends",
 }  # fmt: skip

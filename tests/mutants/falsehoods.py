@@ -18,7 +18,8 @@ class Mutant:
     features: dict[str, str]
 
 
-_ENGINE = "tests/tracer/engine"
+_ENGINE = "tests/tracer/transport"
+_ANSWERS = "tests/query/answers"
 
 MUTANTS = (
     Mutant(
@@ -31,16 +32,16 @@ MUTANTS = (
             "test_plate_reflects_and_transmits_as_the_sum_over_all_reflections_says",
             "streams of rays": "tests/tracer/test_samples.py::"
             "test_lens_over_the_led_reflects_as_fresnel_says",
-            "colours after reflection": f"{_ENGINE}/test_surfaces.py::"
+            "colours after reflection": "tests/tracer/surfaces/test_surfaces.py::"
             "test_dispersive_reflection_keeps_the_expectation_of_each_channel",
             "metals": "tests/raymap/laws/test_stored.py::test_shares_by_hand",
             "rough glass": "tests/tracer/optics/test_microfacet.py::"
             "test_single_facets_agree_with_mitsuba",
             "stated laws": "tests/raymap/laws/test_stored.py::"
             "test_a_quarter_wave_of_the_right_index",
-            "polarised light": "tests/tracer/polarization/test_polarized_record.py::"
+            "polarised light": "tests/tracer/polarized/test_polarized_record.py::"
             "test_light_reflected_at_the_brewster_angle_is_linear",
-            "fields": "tests/tracer/polarization/test_fresnel_fields.py::test_air_to_glass",
+            "fields": "tests/tracer/optics/test_fresnel_fields.py::test_air_to_glass",
             "lens trees": "tests/tracer/lens/test_reference_tree.py",
             "plates, exact": "tests/tracer/scattering/test_plate_exact.py::"
             "test_reference_table_of_plates",
@@ -65,11 +66,11 @@ MUTANTS = (
         false="return length, -tx, ty, tz, ny * tz - nz * ty, nz * tx + nx * tz, nx * ty - ny * tx",
         features={
             "frames": "tests/raymap/optics/test_frames.py::test_s_of_a_plane_of_incidence",
-            "fields at faces": "tests/tracer/polarization/test_fresnel_fields.py::"
+            "fields at faces": "tests/tracer/optics/test_fresnel_fields.py::"
             "test_split_conserves_flux_and_stays_transverse",
             "crystals": "tests/tracer/crystals/test_interface.py",
             "lens trees": "tests/tracer/lens/test_laws.py",
-            "scatter about specular light": f"{_ENGINE}/test_surfaces.py::"
+            "scatter about specular light": "tests/tracer/surfaces/test_surfaces.py::"
             "test_abg_scatters_its_share_about_the_specular_direction",
         },
     ),
@@ -79,9 +80,9 @@ MUTANTS = (
         true="np.maximum(sum_w2 - mean, 0.0)",
         false="np.maximum(2.0 * sum_w2 - mean, 0.0)",
         features={
-            "answers": "tests/query/test_answers.py::test_flux_and_error_are_those_of_the_formula",
-            "comparison of maps": "tests/query/test_comparison.py",
-            "what a trace counts": "tests/tracer/test_counts.py::"
+            "answers": f"{_ANSWERS}/test_answers.py::test_flux_and_error_are_those_of_the_formula",
+            "comparison of maps": f"{_ANSWERS}/test_comparison.py",
+            "what a trace counts": "tests/tracer/run/test_counts.py::"
             "test_standard_errors_are_the_scatter_of_repeated_traces",
         },
     ),

@@ -9,7 +9,7 @@ import pytest
 
 from raymap.model.events import Event
 from tests.naive.fresnel import fresnel_reflectance
-from tests.tracer.engine.tracing import Trace, assert_share
+from tests.tracer.transport.tracing import Trace, assert_share
 from tracer.optics.glasses import find_glass
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import load_scene

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.tracer.engine.test_peers_lens import GLASSES, RADII, THICKNESSES
 from tests.tracer.importers.lens_texts import opened, zemax
 from tests.tracer.lens.lenses import N_D, biconvex, parallel_ray
+from tests.tracer.transport.test_peers_lens import GLASSES, RADII, THICKNESSES
 from tests.validation import Row, check
 from tracer.lens import Glass, trace_lens
 from tracer.optics.glasses import find_glass

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from tests.tracer.engine.tracing import trace
+from tests.tracer.transport.tracing import trace
 from tests.validation import Row, check
 
 

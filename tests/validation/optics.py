@@ -11,7 +11,7 @@ import numpy as np
 from raymap.model.events import Event
 from raymap.optics.fresnel import fresnel_amplitudes, fresnel_reflectance, schlick_reflectance
 from raymap.optics.stacks import Layer, stack_shares
-from tests.tracer.engine.tracing import compiled, trace
+from tests.tracer.transport.tracing import compiled, trace
 from tests.validation import Row, check
 from tracer.optics.dispersion import abbe_number
 from tracer.optics.glasses import find_glass

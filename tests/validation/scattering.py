@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from raymap.model.events import Event
-from tests.tracer.engine.tracing import compiled, trace
+from tests.tracer.transport.tracing import compiled, trace
 from tests.validation import Row, check
 from tracer.scattering.plates.medium import ScatteringMedium
 from tracer.scattering.plates.plate_exact import reflectance_transmittance

@@ -18,7 +18,7 @@ import raymap
 from query.answers.reports.energy import audit
 from raymap import rayfiles
 from raymap.optics.colorimetry import chromaticity, photopic
-from tests.raymap.test_lumen_squares import asked_of_paths
+from tests.raymap.optics.test_lumen_squares import asked_of_paths
 from tracer import record
 from tracer.run.results import RecordResult
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from raymap.model.events import Event
-from tests.tracer.engine.tracing import Trace, assert_share, compiled, trace
+from tests.tracer.transport.tracing import Trace, assert_share, compiled, trace
 from tracer.description.fields import Placed
 from tracer.geometry.shapes import Annulus, Polygon, Rectangle, Shape
 from tracer.scene.sheets import HiddenSheet, sheets_overlap

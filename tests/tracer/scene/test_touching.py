@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.tracer.engine.tracing import compiled
+from tests.tracer.transport.tracing import compiled
 from tracer.geometry.shape_columns import ShapeColumns
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import load_scene, parse_scene
