@@ -1,4 +1,5 @@
 # `make demo` records a real lens and shows its ghosts; `make test` runs the tests;
+# `make slow` the long ones, and the drawn ones with many random examples;
 # `make check` lints, formats, type-checks and checks the import doors.
 # Each makes its own environment in .venv on a fresh machine.
 
@@ -16,7 +17,7 @@ test: $(VENV)/.installed-dev
 	$(BIN)/python -m pytest -n auto --dist loadfile
 
 slow: $(VENV)/.installed-dev
-	$(BIN)/python -m pytest -m slow
+	$(BIN)/python -m pytest -m "slow or hypothesis" --hypothesis-profile=wide
 
 check: $(VENV)/.installed-dev
 	$(BIN)/ruff check .

@@ -16,6 +16,8 @@ from typing import Any
 
 import pytest
 
+from tests.examples import register_profiles
+
 _ROOT = Path(__file__).resolve().parent.parent
 
 
@@ -31,6 +33,8 @@ os.environ.setdefault(
     "NUMBA_CACHE_DIR", str(Path(tempfile.gettempdir()) / f"raymap-tests-{_source_hash()}")
 )
 os.environ.setdefault("MPLBACKEND", "Agg")
+
+register_profiles()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

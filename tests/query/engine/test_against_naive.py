@@ -12,6 +12,7 @@ from hypothesis import given, settings
 import raymap
 from query import parse, select
 from query.expression.json_form import from_json
+from tests.examples import examples
 from tests.naive.interpreter import Interpreter
 from tests.naive.rays import rays_of
 from tests.query.random_criteria import CRITERIA
@@ -52,21 +53,9 @@ def test_the_maps_are_what_they_should_be() -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@settings(max_examples=35, deadline=None)
+@settings(max_examples=examples(35))
 @given(criterion=CRITERIA)
 def test_selects_what_the_oracle_selects(kind: str, criterion: Any) -> None:
-    ask(kind, criterion)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", KINDS)
-@settings(max_examples=1000, deadline=None)
-@given(criterion=CRITERIA)
-def test_selects_what_the_oracle_selects_at_length(kind: str, criterion: Any) -> None:
-    ask(kind, criterion)
-
-
-def ask(kind: str, criterion: Any) -> None:
     """Every way to the answer against the oracle."""
     map, (oracle, rays) = _MAPS[kind], _ORACLES[kind]
     expected = [ray.id for ray in rays if oracle.ray(criterion, ray)]
@@ -83,7 +72,7 @@ def ask(kind: str, criterion: Any) -> None:
     assert few.ray_ids.tolist() == expected[:3]
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150))
 @given(criterion=CRITERIA)
 def test_text_and_json_give_the_same_tree(criterion: Any) -> None:
     assert parse(str(criterion)) == criterion

@@ -9,7 +9,7 @@ import time
 import numpy as np
 import pytest
 import zstandard
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import raymap
@@ -114,7 +114,6 @@ def test_paths_that_do_not_repeat_are_given_up_early(monkeypatch):
 @given(
     n=st.integers(1, 300_000), places=st.sets(st.integers(0, 2**18), max_size=9), seed=st.integers()
 )
-@settings(deadline=None)
 def test_frames_of_zeros_are_frames(n, places, seed):
     at = np.array(sorted(place for place in places if place < n) or [n - 1], np.int32)
     values = np.random.default_rng(abs(seed)).integers(1, 256, len(at)).astype(np.uint8)

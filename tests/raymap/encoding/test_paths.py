@@ -10,6 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import raymap
+from tests.examples import examples
 from tests.raymap.maps import RGB, portion_at, small_directory, write_small
 
 
@@ -80,7 +81,7 @@ def _sums(portion):
     return rays, sum_w, sum_w2, sum_wc
 
 
-@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=examples(30), suppress_health_check=[HealthCheck.too_slow])
 @given(
     seed=st.integers(0, 10**6),
     n_paths=st.sampled_from([1, 4, 12, None]),

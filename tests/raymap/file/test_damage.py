@@ -24,12 +24,12 @@ from raymap.bytes.layout import (
 )
 from raymap.file.repair import repair
 from raymap.file.verify import verify
+from tests.examples import examples
 from tests.raymap.damaging import check_damaged, chunk_offsets, with_sound_header
 from tests.raymap.maps import write_small
 
 _SETTINGS = settings(
-    max_examples=50,
-    deadline=None,
+    max_examples=examples(50),
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )
 

@@ -17,6 +17,7 @@ from raymap.file.verify import verify
 from raymap.model import limits
 from raymap.model.events import ENDINGS, Event
 from tests.data.golden.v1.make import HERE, MAKERS, columns_of, traced_portion
+from tests.examples import examples
 from tests.naive.format_reader import read_map
 from tests.raymap.format_example import bytes_of, directory, lines
 from tests.raymap.maps import RGB
@@ -68,7 +69,7 @@ def _assert_lens_content(ray_map):
     assert_same_portion(traced_portion(300, 0), ray_map.portions[0].read())
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=examples(25), suppress_health_check=[HealthCheck.too_slow])
 @given(drawn=st.data())
 def test_the_independent_reader_reads_any_portion(tmp_path_factory, drawn):
     directory = drawn.draw(directories())

@@ -21,12 +21,12 @@ from raymap.file.repair import repair
 from raymap.file.verify import verify
 from raymap.model import limits
 from raymap.model.events import Event
+from tests.examples import examples
 from tests.raymap.maps import RGB, small_directory, write_small
 from tests.strategies import assert_same_portion, make_portion
 
 _SLOW = settings(
-    max_examples=5,
-    deadline=None,
+    max_examples=examples(5),
     suppress_health_check=list(HealthCheck),
     # Directories of 32,767 names are not worth shrinking
     phases=[Phase.explicit, Phase.generate],

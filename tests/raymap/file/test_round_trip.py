@@ -8,6 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import raymap
+from tests.examples import examples
 from tests.strategies import (
     assert_same_portion,
     channel_sets,
@@ -16,7 +17,7 @@ from tests.strategies import (
     portions,
 )
 
-_SETTINGS = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+_SETTINGS = settings(max_examples=examples(60), suppress_health_check=[HealthCheck.too_slow])
 
 
 @st.composite

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from raymap.optics import colorimetry as c
@@ -60,14 +60,12 @@ def test_transfer_function_meets_its_standard() -> None:
     np.testing.assert_allclose(values, [0, 0.0404482, 0.4613561, 0.5, 1, 1], atol=2e-5)
 
 
-@settings(deadline=None)
 @given(st.lists(st.floats(0, 1), min_size=3, max_size=3))
 def test_transfer_function_and_matrix_are_inverted(rgb: list[float]) -> None:
     np.testing.assert_allclose(c.decode_srgb(c.encode_srgb(rgb)), rgb, atol=1e-6)
     np.testing.assert_allclose(c.xyz_to_linear_srgb(c.linear_srgb_to_xyz(rgb)), rgb, atol=1e-12)
 
 
-@settings(deadline=None)
 @given(st.lists(st.floats(-1, 2), min_size=3, max_size=3))
 def test_gamut_mapping_keeps_luminance_and_what_is_inside(rgb: list[float]) -> None:
     mapped = c.into_gamut(rgb)

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from raymap.optics import fresnel as f
@@ -60,7 +60,6 @@ def test_brewster() -> None:
 
 
 @given(st.floats(math.asin(1 / 1.51) + 1e-6, math.pi / 2 - 1e-6))
-@settings(deadline=None)
 def test_phase_of_total_reflection(angle: float) -> None:
     """tan(delta / 2) = cos θ sqrt(sin² θ - n²) / sin² θ (Born & Wolf 1.5.4, eq. 61)."""
     r_s, r_p, _, _, _ = f.fresnel_amplitudes(1.51 + 0j, 1.0 + 0j, math.cos(angle))
@@ -79,7 +78,6 @@ def test_fresnel_rhomb(angle_deg: float) -> None:
 
 
 @given(INDEX, INDEX, ANGLES)
-@settings(deadline=None)
 def test_flux_is_conserved_and_reversible(n1: float, n2: float, angle: float) -> None:
     cosine = math.cos(angle)
     r_s, r_p, t_s, t_p, cos_t = f.fresnel_amplitudes(n1 + 0j, n2 + 0j, cosine)
@@ -105,7 +103,6 @@ def test_metals() -> None:
 
 
 @given(INDEX, INDEX, ANGLES, st.floats(0, 6.28))
-@settings(deadline=None)
 def test_directions_obey_snell(n1: float, n2: float, angle: float, turn: float) -> None:
     rotation = np.linalg.qr(np.random.default_rng(int(turn * 1e6)).normal(size=(3, 3)))[0]
     normal = rotation @ [0.0, 0.0, 1.0]
@@ -124,7 +121,6 @@ def test_directions_obey_snell(n1: float, n2: float, angle: float, turn: float) 
 
 
 @given(INDEX, INDEX, ANGLES, st.floats(0.0, 5.0))
-@settings(deadline=None)
 def test_as_the_wave_vectors_say(n1: float, n2: float, angle: float, kappa: float) -> None:
     cosine = math.cos(angle)
     assert f.fresnel_reflectance(n1, n2, cosine) == pytest.approx(

@@ -23,6 +23,7 @@ from query.engine.scan import Scan
 from raymap.file.repair import repair
 from raymap.file.selection import copy_selection
 from raymap.file.verify import verify
+from tests.examples import examples
 from tests.fuzz.fuzz_values import Seed, put_together
 from tests.raymap.maps import COLORED, RGB, small_directory, write_small
 
@@ -62,7 +63,7 @@ def squares_by_hand(portion: Any) -> np.ndarray:
     return squares
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=examples(25), suppress_health_check=[HealthCheck.too_slow])
 @given(
     seed=st.integers(0, 10**6),
     n_paths=st.sampled_from([1, 4, None]),

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from raymap import rayfiles
 from raymap.model.errors import MapExists
 from raymap.rayfiles import RayFileError, RaySet, Spectrum
+from tests.examples import examples
 
 
 def some_rays(n: int = 50, seed: int = 1, **more: object) -> RaySet:
@@ -107,7 +108,7 @@ def test_units_of_length(tmp_path: Path) -> None:
 
 
 @given(n=st.integers(1, 40), seed=st.integers(0, 1000), colored=st.booleans())
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=examples(20))
 def test_any_rays_come_back(tmp_path_factory: object, n: int, seed: int, colored: bool) -> None:
     folder = tmp_path_factory.mktemp("rays")  # type: ignore[attr-defined]
     nm = np.full(n, 555, np.float32) if colored else None
@@ -388,7 +389,7 @@ def test_the_ray_that_is_no_ray_is_named(tmp_path: Path) -> None:
 
 
 @given(place=st.integers(0, 36288 + 1399), value=st.integers(0, 255))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150))
 def test_a_flipped_byte_never_crashes(tmp_path_factory: object, place: int, value: int) -> None:
     folder = tmp_path_factory.mktemp("flip")  # type: ignore[attr-defined]
     raw = bytearray(rayfiles.write(some_rays(), folder / "a.tm25ray").read_bytes())

@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 
 from raymap.cli import application
 from raymap.model.errors import RayMapError, SceneError
+from tests.examples import examples
 from tracer.bodies.lens import LensBody
 from tracer.bodies.ring import RingBody
 from tracer.importers.lens_formats.codev import parse_codev
@@ -372,9 +373,7 @@ def test_glasses_may_be_said(tmp_path: Path) -> None:
         parse_scene(scene.format("", 'glasses = { "HOUSE-1" = "nobody" }'), folder=tmp_path)
 
 
-@settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=examples(60), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_torn_files_never_crash(data: st.DataObject) -> None:
     for text, parse in ((SINGLET, parse_zemax), (DOUBLET, parse_codev)):

@@ -8,12 +8,13 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.examples import examples
 from tests.tracer.lens.lenses import lenses, random_rays, rays_at
 from tracer.lens import Arriving, Glass, Lens, answer, trace_backward, trace_lens
 from tracer.optics.dispersion import constant
 from tracer.optics.polarization_rays import PolarizedRays
 
-RUNS = settings(max_examples=60, deadline=None)
+RUNS = settings(max_examples=examples(60))
 
 
 @RUNS

@@ -14,6 +14,7 @@ from raymap.laws.stack import layer_coating
 from raymap.laws.table import coating_share, constant_coating, tabulated_coating
 from raymap.model.errors import SceneError
 from raymap.optics.stacks import Layer, stack_shares
+from tests.examples import examples
 from tests.naive.fresnel import fresnel_reflectance
 
 
@@ -51,7 +52,7 @@ def test_a_half_wave_layer_is_absent() -> None:
 INDEX = st.builds(complex, st.floats(1.2, 2.6), st.sampled_from([0.0, 0.0, 0.02, 0.5, 3.0]))
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=examples(60))
 @given(
     st.lists(st.tuples(INDEX, st.floats(0, 800)), max_size=6),
     st.floats(1.0, 2.0),

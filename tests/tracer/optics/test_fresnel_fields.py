@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from raymap.optics.frames import s_vector
@@ -69,7 +69,6 @@ def test_the_critical_angle_has_no_jump() -> None:
     assert cos_t == pytest.approx(0.0, abs=1e-7)
 
 
-@settings(deadline=None)
 @given(st.floats(1.0, 3.0), st.floats(1.0, 3.0), st.floats(1e-6, 1.0))
 def test_agrees_with_the_complex_form(n1: float, n2: float, cos_i: float) -> None:
     fast = dielectric_amplitudes(n1, n2, cos_i)
@@ -151,7 +150,6 @@ def incidences(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return d, n, e
 
 
-@settings(deadline=None)
 @given(incidences(), st.floats(1.0, 3.0), st.floats(1.0, 3.0), st.booleans())
 def test_split_conserves_flux_and_stays_transverse(
     incidence: tuple[np.ndarray, np.ndarray, np.ndarray], n1: float, n2: float, published: bool
@@ -166,7 +164,6 @@ def test_split_conserves_flux_and_stays_transverse(
     assert np.linalg.norm(p[6:9]) == pytest.approx(1.0, abs=1e-13)
 
 
-@settings(deadline=None)
 @example(
     (
         np.array([-0.83113865, -0.17737821, 0.52701567]),

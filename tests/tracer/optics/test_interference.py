@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.examples import examples
 from tests.tracer.lens.lenses import N_D, plate
 from tracer.lens import Lens, LensTree, trace_lens
 from tracer.optics.polarization_elements import to_plane
@@ -90,7 +91,7 @@ def test_incoherent_slab() -> None:
     assert tree.flux[0][backward].sum() == pytest.approx(0.109276457, abs=5e-10)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60))
 @given(st.floats(0.0, 80.0), st.floats(1.1, 2.5), st.floats(0.0, math.pi), st.floats(1e-9, 1e-7))
 def test_a_vanishing_film_reflects_nothing(
     degrees: float, n: float, azimuth: float, thickness: float

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from raymap.laws import phase
 from raymap.model.errors import SceneError
+from tests.examples import examples
 from tests.tracer.chi2 import chi2_line
 from tracer.optics import phase as draws
 
@@ -41,7 +42,7 @@ def test_generalized_spot_values(spot: tuple[float, ...]) -> None:
         assert draws.sample_phase(row, EMPTY, u) == pytest.approx(expected, abs=1e-9)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=examples(60))
 @given(st.floats(-0.99, 0.99), st.floats(-3.0, 200.0), st.floats(0.0, 0.9999))
 def test_generalized_distribution_is_inverted(g: float, gamma: float, u: float) -> None:
     """The probability up to the drawn cosine is the uniform number (by quadrature in log space)."""
@@ -66,7 +67,6 @@ def test_generalized_distribution_is_inverted(g: float, gamma: float, u: float) 
     assert mass == pytest.approx(u, abs=2e-6)
 
 
-@settings(deadline=None)
 @given(st.floats(-0.999, 0.999), st.floats(0.0, 1.0, exclude_max=True))
 def test_henyey_greenstein_is_the_general_form(g: float, u: float) -> None:
     assert draws.sample_henyey_greenstein(g, u) == pytest.approx(

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from raymap.laws.phase import generalized_row, legendre_moments, rayleigh_row
 from raymap.model.errors import SceneError
+from tests.examples import examples
 from tests.naive.adding_doubling import doubled_plate
 from tracer.scattering.plates.medium import ScatteringMedium
 from tracer.scattering.plates.moments import generalized_moments
@@ -75,7 +76,7 @@ def test_van_de_hulst_index_matched_slab() -> None:
 
 
 @given(medium=media, thickness=st.floats(0.05, 10.0), angle=st.floats(0.0, 89.0))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60))
 def test_energy_closes_and_nothing_is_negative(
     medium: ScatteringMedium, thickness: float, angle: float
 ) -> None:
@@ -92,7 +93,7 @@ def test_energy_closes_and_nothing_is_negative(
 
 
 @given(medium=media, angle=st.floats(0.0, 80.0))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(30))
 def test_thicker_plates_transmit_less(medium: ScatteringMedium, angle: float) -> None:
     out = reflectance_transmittance(medium, [0.5, 1.0, 2.0, 40.0], angle)
     assert np.all(np.diff(out.transmittance[:, 0]) < 1e-6)
@@ -205,7 +206,7 @@ def test_scattered_light_integrates_to_the_fluxes(g: float, gamma: float, angle:
 
 
 @given(medium=media, first=st.floats(1.0, 80.0), second=st.floats(1.0, 80.0))
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=examples(8))
 def test_scattering_is_reciprocal(medium: ScatteringMedium, first: float, second: float) -> None:
     there = plate_bsdf(medium, 1.0, first, second, 37.0, nodes=24)
     back = plate_bsdf(medium, 1.0, second, first, 37.0, nodes=24)

@@ -6,11 +6,11 @@ import re
 import warnings
 from pathlib import Path
 
-import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from raymap.model.errors import RayMapError
+from tests.examples import examples
 from tracer.crystals.scene_language import compile_crystals
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import parse_scene
@@ -143,17 +143,7 @@ def test_the_shipped_scenes_compile() -> None:
         parse_scene(text, folder=(SAMPLES / name).parent)
 
 
-@settings(
-    max_examples=80, deadline=None, derandomize=True, database=None,
-    suppress_health_check=list(HealthCheck),
-)  # fmt: skip
+@settings(max_examples=examples(80), suppress_health_check=list(HealthCheck))
 @given(slips())
 def test_slips_are_refused_in_one_line(case: tuple[str, str]) -> None:
-    accepted_or_refused(*case)
-
-
-@pytest.mark.slow
-@settings(max_examples=4_000, deadline=None, suppress_health_check=list(HealthCheck))
-@given(slips())
-def test_many_slips_are_refused_in_one_line(case: tuple[str, str]) -> None:
     accepted_or_refused(*case)

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from raymap.model.events import Event
+from tests.examples import examples
 from tests.tracer.transport.tracing import Trace, assert_share, compiled, trace
 from tracer.description.fields import Placed
 from tracer.geometry.shapes import Annulus, Polygon, Rectangle, Shape
@@ -183,7 +184,7 @@ def covers(shape: Shape, places: np.ndarray) -> np.ndarray:
 GRID = np.stack(np.meshgrid(*2 * [np.linspace(-6.0, 6.0, 241)]), -1).reshape(-1, 2) @ FRAME[:, :2].T
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300))
 @given(flats(), flats())
 def test_overlap_is_what_a_grid_of_places_says(one: Shape, other: Shape) -> None:
     both = int(np.count_nonzero(covers(one, GRID) & covers(other, GRID)))

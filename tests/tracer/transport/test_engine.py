@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from raymap.model.events import ENDINGS, Event
 from raymap.model.portion import Portion
+from tests.examples import examples
 from tests.tracer.transport.tracing import Trace, compiled, trace
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.load import load_scene
@@ -238,7 +239,7 @@ kind = "point"
     assert np.all(found.portion.records_per_ray == 13)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=examples(20))
 @given(st.lists(st.floats(0.01, 5.0), min_size=1, max_size=6), st.integers(0, 10_000))
 def test_rays_are_dealt_in_proportion_everywhere(shares: list[float], first: int) -> None:
     from tracer.sources.emission import PATTERN, deal_rays, emitted_counts

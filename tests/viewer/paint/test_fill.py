@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.examples import examples
 from viewer.paint.fill import fill_triangles
 
 W, H = 128, 96
@@ -32,7 +33,7 @@ def fan(points: np.ndarray) -> np.ndarray:
     return np.array([[center, a, b] for a, b in zip(flat, np.roll(flat, -1, 0), strict=True)])
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40))
 @given(
     st.integers(3, 12),
     st.floats(0, 6),

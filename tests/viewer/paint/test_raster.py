@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.examples import examples
 from viewer.paint.raster import draw_segments
 
 W, H = 160, 128
@@ -32,7 +33,7 @@ def draw(ends, *, width=1.0, alpha=255, matrix=PIXELS, depth=None, threads=1) ->
 inside = st.tuples(st.floats(15, W - 15), st.floats(15, H - 15))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60))
 @given(inside, inside, st.floats(0.4, 6))
 def test_the_light_of_a_line_is_its_area(a: tuple, b: tuple, width: float) -> None:
     length = float(np.hypot(b[0] - a[0], b[1] - a[1]))
