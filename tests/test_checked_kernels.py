@@ -66,9 +66,8 @@ _KERNELS = {
     # Meetings and cells
     "cellsums._count": ("CheckedMeetings", {"cellsums.add"}),
     "meetings._cells_fit": ("CheckedMeetings", {"meetings.check"}),
-    "meetings._crossing": ("called", {"meetings.decode_meetings", "meetings.encode_meetings"}),
+    "meetings._crossing": ("called", {"meetings.decode_meetings"}),
     "meetings.decode_meetings": ("CheckedPaths", {"portiongeometry._crossings"}),
-    "meetings.encode_meetings": ("Portion", {"encoder.missed"}),
     # Rays and their paths
     "itineraries.assign_faces": ("itself", {"arrow.faces_of"}),
     "itineraries.expand_points": (
@@ -102,9 +101,7 @@ _KERNELS = {
         {"normals.decode_normals", "normals.normal_residuals", "normals.other_residuals"},
     ),
     # The writer
-    "positions.gather_coordinates": ("Portion", {"geometrystreams._add_positions"}),
-    "positions.position_residuals": ("Portion", {"geometrystreams._add_positions"}),
-    "normals.imply_normals": ("Portion", {"geometrystreams.add_geometry"}),
+    "normals.imply_normals": ("Portion", {"geometrystreams.with_normals"}),
     "normals.normal_residuals": ("Portion", {"geometrystreams._add_normals"}),
     "normals.end_residuals": ("Portion", {"geometrystreams._add_unlike_normals"}),
     "normals.other_residuals": ("Portion", {"geometrystreams._add_unlike_normals"}),

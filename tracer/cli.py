@@ -58,10 +58,6 @@ def record(
     append: Annotated[bool, typer.Option("--append", help="Continue the map.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing map.")] = False,
     raw: Annotated[bool, typer.Option("--raw", help="Store streams uncompressed.")] = False,
-    compact: Annotated[
-        bool,
-        typer.Option("--compact", help="Write the smallest file; slower to write and to read."),
-    ] = False,
     no_rays: Annotated[
         bool, typer.Option("--no-rays", help="Store no rays, only what detectors count.")
     ] = False,
@@ -105,7 +101,6 @@ def record(
             append=append,
             force=force,
             raw=raw,
-            compact=compact,
             no_rays=no_rays,
             progress=display.show,
             executor=executor,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,10 +19,9 @@ from raymap.encoding.dictionary import (
     itineraries_of,
 )
 from raymap.encoding.geometrystreams import PathsTaken, add_geometry
-from raymap.encoding.meetings import compile_detectors, encode_meetings
 from raymap.encoding.paths import PathDictionary
 from raymap.encoding.pathwords import face_columns
-from raymap.encoding.portionmeta import DESCRIPTOR_STREAMS, Encoding, PortionMeta
+from raymap.encoding.portionmeta import DESCRIPTOR_STREAMS, PortionMeta
 from raymap.encoding.shapes import compile_shapes
 from raymap.jit.scratch import BufferPool
 from raymap.model.directory import ChannelSet, Directory
@@ -33,8 +32,6 @@ from raymap.model.schema import COLOR_SCALE
 from raymap.optics.photometry import Photometry
 
 __all__ = ["EncodedPortion", "PortionEncoder"]
-
-_FEW_MEETINGS = 64
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,16 +72,12 @@ class PortionEncoder:
     Parameters
     ----------
     raw : store every stream as it is
-    compact : leave out what the shapes imply of positions and of places on detectors, too. Saves
-        about 1.7 bytes a record; encoding takes half as long again, reading positions ten times
     """
 
-    def __init__(self, directory: Directory, *, raw: bool = False, compact: bool = False) -> None:
+    def __init__(self, directory: Directory, *, raw: bool = False) -> None:
         self.directory = directory
         self.raw = raw
-        self.compact = compact
         self.shapes = compile_shapes(directory)
-        self.detectors = compile_detectors(directory)
         self._faces = face_columns(directory.faces)
         self._pool = BufferPool()
 
@@ -112,9 +105,8 @@ class PortionEncoder:
             streams.add("path_number", path_numbers.astype(small), Scope.RAY)
         if len(explicit):
             streams.add("triangle", explicit)
-        lent = None if self.raw or self.compact else self._pool.take(12 * portion.n_records)
         rays = PathsTaken(portion, offsets, table, path_numbers)
-        encodings = add_geometry(streams, rays, self.shapes, compact=self.compact, room=lent)
+        encodings, lent = self._add_geometry(streams, rays)
         encodings |= self._add_descriptors(streams, portion)
         _add_colors(streams, portion, offsets, self.raw)
         _add_rays(streams, portion)
@@ -151,6 +143,22 @@ class PortionEncoder:
             paths=paths,
             lent=None if lent is None else (lent, self._pool),
         )
+
+    def _add_geometry(
+        self, streams: StreamSet, rays: PathsTaken
+    ) -> tuple[int, NDArray[np.uint8] | None]:
+        """Store positions and normals; the encodings chosen, and room to be given back."""
+        lent = None if self.raw else self._pool.take(12 * rays.portion.n_records)
+        return add_geometry(streams, rays, self.shapes, lent), lent
+
+    def _add_descriptors(self, streams: StreamSet, portion: Portion) -> int:
+        """Store the meetings beyond what the paths say; the encodings chosen: none."""
+        d = portion.descriptors
+        if len(d.detector):
+            columns = (d.cell[:, 0], d.cell[:, 1], d.cosine, d.uv[:, 0], d.uv[:, 1])
+            for name, column in zip(DESCRIPTOR_STREAMS, columns, strict=True):
+                streams.add(name, column, Scope.DESCRIPTOR)
+        return 0
 
     def _with_sums(
         self,
@@ -193,48 +201,6 @@ class PortionEncoder:
         return found.table.with_sums(
             rays, sum_w, sum_w2, tuple(sets), sum_wy2, grouped=portion.emission is not None
         )
-
-    def _add_descriptors(self, streams: StreamSet, portion: Portion) -> int:
-        """Store the meetings beyond what the paths say; returns the encodings chosen."""
-        d = portion.descriptors
-        n = len(d.detector)
-        if not n:
-            return 0
-        plain = (d.cell[:, 0], d.cell[:, 1], d.cosine, d.uv[:, 0], d.uv[:, 1])
-        if not self.compact:
-            for name, column in zip(DESCRIPTOR_STREAMS, plain, strict=True):
-                streams.add(name, column, Scope.DESCRIPTOR)
-            return 0
-        folded = np.empty((5, n), np.uint16)
-
-        def missed(counts: NDArray[np.uint16], reverse: bool) -> int:
-            return encode_meetings(
-                counts,
-                d.detector,
-                d.cell,
-                d.cosine,
-                d.uv,
-                portion.position,
-                *self.detectors,
-                reverse,
-                folded,
-            )
-
-        # Let the first meetings say against which direction cosines are positive
-        so_far = np.cumsum(portion.descriptor_count, dtype=np.int64)
-        few = portion.descriptor_count[: np.searchsorted(so_far, _FEW_MEETINGS) + 1]
-        reverse = missed(few, True) < missed(few, False)
-        if missed(portion.descriptor_count, reverse) > _nonzero(plain):
-            for name, column in zip(DESCRIPTOR_STREAMS, plain, strict=True):
-                streams.add(name, column, Scope.DESCRIPTOR)
-            return 0
-        for name, column in zip(DESCRIPTOR_STREAMS, folded, strict=True):
-            streams.add(name, column, Scope.DESCRIPTOR)
-        return int(Encoding.CROSSINGS | (Encoding.REVERSED if reverse else Encoding(0)))
-
-
-def _nonzero(columns: Iterable[NDArray[Any]]) -> int:
-    return sum(int(np.count_nonzero(column)) for column in columns)
 
 
 def add_itineraries(streams: StreamSet, rays: Itineraries) -> None:

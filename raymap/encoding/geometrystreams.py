@@ -1,4 +1,4 @@
-"""Positions and normals of a portion to streams; what the shapes imply of them is left out."""
+"""Positions and normals of a portion to streams; what the shapes imply of normals is left out."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from raymap.bytes.streams import Scope, StreamSet
 from raymap.encoding.dictionary import Itineraries
 from raymap.encoding.normals import end_residuals, imply_normals, normal_residuals, other_residuals
 from raymap.encoding.portionmeta import Encoding
-from raymap.encoding.positions import gather_coordinates, position_residuals, resolve_codes
+from raymap.encoding.positions import resolve_codes
 from raymap.encoding.shapes import LEFT_SCENE, RayPoints, RayShapes, ShapeTable, shape_codes
 from raymap.jit.scratch import scratch
 from raymap.model.portion import Portion
@@ -41,8 +41,6 @@ def add_geometry(
     streams: StreamSet,
     rays: PathsTaken,
     shapes: ShapeTable,
-    *,
-    compact: bool,
     room: NDArray[np.uint8] | None,
 ) -> int:
     """Store positions and normals; returns the encodings chosen
@@ -51,7 +49,6 @@ def add_geometry(
     Parameters
     ----------
     shapes : of the directory
-    compact : leave out what the shapes imply of positions, too
     room : where the byte planes of positions go that are stored as they are, 12 bytes a record;
         None where they are not stored in planes
     """
@@ -67,14 +64,19 @@ def add_geometry(
     if streams.raw and not portion.implied_normals:
         return _add_raw_geometry(streams, portion)
     codes = _shape_codes(rays, shapes)
-    if portion.implied_normals:
-        normal = portion.normal.copy()
-        imply_normals(codes, shapes.gradient, portion.position, normal)
-        portion = replace(portion, normal=normal)
+    portion = with_normals(portion, codes, shapes)
     if streams.raw:
         return _add_raw_geometry(streams, portion)
-    chosen = _add_positions(streams, portion, codes, shapes) if compact else 0
-    return chosen | _add_normals(streams, portion, rays.offsets, codes, shapes)
+    return _add_normals(streams, portion, rays.offsets, codes, shapes)
+
+
+def with_normals(portion: Portion, codes: NDArray[np.int32], shapes: ShapeTable) -> Portion:
+    """The portion with those normals set that its shapes imply, where it says so."""
+    if not portion.implied_normals:
+        return portion
+    normal = portion.normal.copy()
+    imply_normals(codes, shapes.gradient, portion.position, normal)
+    return replace(portion, normal=normal)
 
 
 def _shape_codes(rays: PathsTaken, shapes: ShapeTable) -> NDArray[np.int32]:
@@ -97,58 +99,6 @@ def _add_raw_geometry(streams: StreamSet, portion: Portion) -> int:
     for axis, name in enumerate("xyz"):
         streams.add(f"normal.{name}", portion.normal[:, axis], Scope.RECORD)
     return 0
-
-
-def _add_positions(
-    streams: StreamSet, portion: Portion, codes: NDArray[np.int32], shapes: ShapeTable
-) -> int:
-    n = portion.n_records
-    position = np.ascontiguousarray(portion.position)
-    bits = position.view(np.int32)
-    # One more row, into which the pass writes ahead before it knows whether the value counts
-    xs, ys, zs = (scratch(f"position.{axis}", n + 1, np.int32) for axis in "xyz")
-    solved = scratch("solved", n + 1, np.int32)
-    residual = scratch("residual", n, np.uint32)
-    roots = np.empty(n, np.uint8)
-    faces, sphere = True, True
-    while True:
-        nx, ny, nz, k = gather_coordinates(
-            codes, shapes.axis, faces, sphere, bits, xs, ys, zs, solved
-        )
-        records = solved[:k]
-        position_residuals(
-            records, codes, shapes.solve, shapes.axis, position, bits, residual, roots
-        )
-        # Give up a kind of shape that saves less than a byte per coordinate
-        bad_faces, bad_sphere = _far_off(codes, records, residual)
-        if not bad_faces and not bad_sphere:
-            break
-        faces, sphere = faces and not bad_faces, sphere and not bad_sphere
-    for name, values in (("x", xs[:nx]), ("y", ys[:ny]), ("z", zs[:nz])):
-        streams.add(f"position.{name}", values.view(np.float32))
-    if k:
-        streams.add("position.residual", residual[:k])
-        streams.add("position.root", roots[:k])
-    chosen = Encoding(0)
-    if k and faces:
-        chosen |= Encoding.SOLVED_FACES
-    if k and sphere:
-        chosen |= Encoding.SOLVED_SPHERE
-    return int(chosen)
-
-
-def _far_off(
-    codes: NDArray[np.int32], records: NDArray[np.int32], residual: NDArray[np.uint32]
-) -> tuple[bool, bool]:
-    """Whether most points are far off their faces, and most ends far off the bounding sphere."""
-    far = np.flatnonzero(residual[: len(records)] >= 2**24)
-    if len(far) == 0:
-        return False, False
-    on_sphere = codes[records] < 0
-    far_on_sphere = int(on_sphere[far].sum())
-    n_sphere = int(on_sphere.sum())
-    far_on_faces = len(far) - far_on_sphere
-    return 2 * far_on_faces > len(records) - n_sphere, 2 * far_on_sphere > n_sphere
 
 
 def _add_normals(

@@ -19,7 +19,6 @@ __all__ = [
     "DetectorTable",
     "compile_detectors",
     "decode_meetings",
-    "encode_meetings",
 ]
 
 _SCALE = float(NORMAL_SCALE)
@@ -135,57 +134,11 @@ def _cell_of(place: int, cells: int) -> int:
 
 
 @inner_kernel
-def _fold(value: int, predicted: int) -> np.uint16:
-    """Zigzag of the difference modulo 2^16."""
-    r = np.uint16(value - predicted)
-    sign = np.uint16(np.uint16(0) - np.uint16(r >> np.uint16(15)))
-    return np.uint16(np.uint16(r << np.uint16(1)) ^ sign)
-
-
-@inner_kernel
 def _unfold(code: np.uint16, predicted: int) -> int:
-    """The inverse of `_fold`, as an unsigned 16-bit number."""
+    """Predicted + unzigzag modulo 2^16, as an unsigned 16-bit number."""
     sign = np.uint16(np.uint16(0) - np.uint16(code & np.uint16(1)))
     r = np.uint16(np.uint16(code >> np.uint16(1)) ^ sign)
     return (int(r) + predicted) & 0xFFFF
-
-
-@lean_kernel
-def encode_meetings(
-    counts: NDArray[np.uint16],
-    detector: NDArray[np.int16],
-    cell: NDArray[np.uint16],
-    cosine: NDArray[np.int16],
-    uv: NDArray[np.uint16],
-    position: NDArray[np.float32],
-    frames: NDArray[np.float64],
-    flat: NDArray[np.uint8],
-    cells: NDArray[np.int64],
-    reverse: bool,
-    out: NDArray[np.uint16],
-) -> int:
-    """Residuals (5, n) of cell u, cell v, cosine, u, v; returns how many are not zero."""
-    k = 0
-    missed = 0
-    for i in range(counts.size):
-        for _ in range(counts[i]):
-            d = detector[k]
-            u = 0
-            v = 0
-            c = 0
-            if flat[d] and i + 1 < counts.size:
-                u, v, c = _crossing(frames[d], i, position)
-                if reverse:
-                    c = -c
-            out[0, k] = _fold(int(cell[k, 0]), _cell_of(int(uv[k, 0]), cells[d, 0]))
-            out[1, k] = _fold(int(cell[k, 1]), _cell_of(int(uv[k, 1]), cells[d, 1]))
-            out[2, k] = _fold(int(cosine[k]), c)
-            out[3, k] = _fold(int(uv[k, 0]), u)
-            out[4, k] = _fold(int(uv[k, 1]), v)
-            for m in range(5):
-                missed += out[m, k] != 0
-            k += 1
-    return missed
 
 
 @lean_kernel
@@ -202,7 +155,7 @@ def decode_meetings(
     cosine: NDArray[np.int16],
     uv: NDArray[np.uint16],
 ) -> None:
-    """The inverse of `encode_meetings`."""
+    """Meetings from their residuals against where segments cross flat detectors."""
     k = 0
     for i in range(counts.size):
         for _ in range(counts[i]):

@@ -20,15 +20,12 @@ from raymap.encoding.shapes import (
 from raymap.jit.kernels import inner_kernel, kernel, lean_kernel
 
 __all__ = [
-    "gather_coordinates",
     "join_coordinates",
-    "position_residuals",
     "resolve_codes",
     "solve_positions",
 ]
 
 _LARGEST = 3.4e38
-_NEAR = 256
 
 
 @inner_kernel
@@ -94,81 +91,6 @@ def _solved_axis(code: int, axis: NDArray[np.int8], solve_faces: bool, solve_sph
 
 
 @lean_kernel
-def gather_coordinates(
-    codes: NDArray[np.int32],
-    axis: NDArray[np.int8],
-    solve_faces: bool,
-    solve_sphere: bool,
-    bits: NDArray[np.int32],
-    xs: NDArray[np.int32],
-    ys: NDArray[np.int32],
-    zs: NDArray[np.int32],
-    solved: NDArray[np.int32],
-) -> tuple[int, int, int, int]:
-    """Coordinates to be stored, axis by axis, and the records that have one to be solved for.
-
-    Returns
-    -------
-    n_x, n_y, n_z, n_solved : how much of ``xs``, ``ys``, ``zs`` and ``solved`` is filled
-    """
-    nx, ny, nz, n = 0, 0, 0, 0
-    for i in range(codes.size):
-        a = _solved_axis(codes[i], axis, solve_faces, solve_sphere)
-        xs[nx] = bits[i, 0]
-        ys[ny] = bits[i, 1]
-        zs[nz] = bits[i, 2]
-        solved[n] = i
-        nx += a != 0
-        ny += a != 1
-        nz += a != 2
-        n += a >= 0
-    return nx, ny, nz, n
-
-
-@kernel
-def position_residuals(
-    solved: NDArray[np.int32],
-    codes: NDArray[np.int32],
-    solve: NDArray[np.float64],
-    axis: NDArray[np.int8],
-    position: NDArray[np.float32],
-    bits: NDArray[np.int32],
-    residual: NDArray[np.uint32],
-    roots: NDArray[np.uint8],
-) -> None:
-    """Solved coordinates as zigzag of (stored - root) in float32 steps.
-
-    Parameters
-    ----------
-    solved : (n,) records
-    residual, roots : (n,) out; the root is 0 or 1, exclusive or the quadric's last one
-    """
-    last_root = np.zeros(axis.size, np.uint8)
-    for k in range(solved.size):
-        i = solved[k]
-        q = codes[i] if codes[i] >= 0 else axis.size - 1
-        a = axis[q]
-        u = np.float64(position[i, 1 if a == 0 else 0])
-        v = np.float64(position[i, 1 if a == 2 else 2])
-        here = _ordered(bits[i, a])
-        last = last_root[q]
-        t = np.float32(_root(solve, q, u, v, last))
-        r = np.int32(here - _ordered(t.view(np.int32)))
-        code = np.uint32((r << 1) ^ (r >> 31))
-        roots[k] = 0
-        if code >= _NEAR:
-            # Try the other root where this one is far
-            t = np.float32(_root(solve, q, u, v, 1 - last))
-            r = np.int32(here - _ordered(t.view(np.int32)))
-            other = np.uint32((r << 1) ^ (r >> 31))
-            if other < code:
-                code = other
-                roots[k] = 1
-                last_root[q] = 1 - last
-        residual[k] = code
-
-
-@lean_kernel
 def join_coordinates(
     codes: NDArray[np.int32],
     axis: NDArray[np.int8],
@@ -180,7 +102,12 @@ def join_coordinates(
     bits: NDArray[np.int32],
     solved: NDArray[np.int32],
 ) -> int:
-    """The inverse of `gather_coordinates`: number of records to solve, -1 if the columns misfit."""
+    """Put the stored coordinates in place, axis by axis.
+
+    Returns
+    -------
+    n : records that have one to be solved for, into `solved`; -1 where the columns misfit
+    """
     nx, ny, nz, n = 0, 0, 0, 0
     for i in range(codes.size):
         a = _solved_axis(codes[i], axis, solve_faces, solve_sphere)
@@ -216,7 +143,7 @@ def solve_positions(
     position: NDArray[np.float32],
     bits: NDArray[np.int32],
 ) -> None:
-    """The inverse of `position_residuals`: fill in the coordinates solved for."""
+    """Fill in the coordinates solved for: root of the quadric, then steps of float32 from it."""
     last_root = np.zeros(axis.size, np.uint8)
     for k in range(solved.size):
         i = solved[k]

@@ -63,14 +63,13 @@ class RayMapWriter:
         directory: Directory,
         *,
         raw: bool,
-        compact: bool,
         trusted: bool,
         state: WriterState,
     ) -> None:
         self.path = appender.path
         self.directory = directory
         self._appender = appender
-        self._encoder = PortionEncoder(directory, raw=raw, compact=compact)
+        self._encoder = PortionEncoder(directory, raw=raw)
         self._trusted = trusted
         self._footer = state.footer
         self._merger = state.merger
@@ -103,7 +102,6 @@ class RayMapWriter:
         meshes: Mapping[int, DisplayMesh] | None = None,
         force: bool = False,
         raw: bool = False,
-        compact: bool = False,
         trusted: bool = False,
         first_ray: int = 0,
     ) -> RayMapWriter:
@@ -115,8 +113,6 @@ class RayMapWriter:
         directory : names, shapes and units of the scene
         meshes : display meshes by object index
         raw : store every stream as it is, for debugging
-        compact : leave out what the faces' shapes imply of the positions, too: a smaller file that
-            takes longer to write and to read
         trusted : do not check portions on entry
         first_ray : number that the first ray gets, of a shard that begins further on
 
@@ -135,7 +131,7 @@ class RayMapWriter:
             raise
         footer = Footer(chunks=[(FILE_HEADER_SIZE, DIRECTORY)], sizes=sizes)
         state = WriterState(footer=footer, first_ray=first_ray)
-        return cls(appender, directory, raw=raw, compact=compact, trusted=trusted, state=state)
+        return cls(appender, directory, raw=raw, trusted=trusted, state=state)
 
     @classmethod
     def append_to(
@@ -144,7 +140,6 @@ class RayMapWriter:
         directory: Directory | None = None,
         *,
         raw: bool = False,
-        compact: bool = False,
         trusted: bool = False,
     ) -> RayMapWriter:
         """Continue a finished or an interrupted map.
@@ -161,7 +156,7 @@ class RayMapWriter:
             Another writer is at work on it.
         """
         appender, own, state = resume(Path(path), directory)
-        return cls(appender, own, raw=raw, compact=compact, trusted=trusted, state=state)
+        return cls(appender, own, raw=raw, trusted=trusted, state=state)
 
     def __enter__(self) -> RayMapWriter:
         return self

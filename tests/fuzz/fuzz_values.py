@@ -54,6 +54,7 @@ from raymap.file.repair import repair  # noqa: E402
 from raymap.file.verify import verify  # noqa: E402
 from tests.fuzz.questions import ask  # noqa: E402
 from tests.fuzz.supervised import Counts, Progress, supervise  # noqa: E402
+from tests.raymap.compact import write_compactly  # noqa: E402
 from tests.raymap.maps import COLORED, RGB, portion_at, small_directory, write_small  # noqa: E402
 
 _JSON = ("json",)
@@ -270,7 +271,8 @@ def _write_compact(path: Path) -> None:
     )
     lens = raymap.SceneObject(name="lens", faces=faces)
     directory = small_directory(objects=(lens, raymap.SceneObject(name="box")))
-    with raymap.RayMapWriter.create(path, directory, compact=True) as writer:
+    with raymap.RayMapWriter.create(path, directory) as writer:
+        write_compactly(writer)
         writer.add_channel_set(RGB)
         writer.start_run(seed=1, parameters={})
         for row in rows:

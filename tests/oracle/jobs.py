@@ -111,7 +111,6 @@ def _sample_jobs(rays: int) -> Iterator[Job]:
             yield _record(name, kind, scene, count, "--variant", variant)
     lens = SAMPLES / "double_gauss.toml"
     yield _record("raw", "A", lens, rays, "--raw")
-    yield _record("compact", "A", lens, rays, "--compact")
     yield _record("one_thread", "A", lens, rays, "--threads", "1")
     yield _record("without_rays", "A", lens, rays, "--no-rays")
 

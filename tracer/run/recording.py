@@ -50,7 +50,6 @@ def record(
     append: bool = False,
     force: bool = False,
     raw: bool = False,
-    compact: bool = False,
     no_rays: bool = False,
     portion_rays: int | None = None,
     progress: Callable[[Progress], None] | None = None,
@@ -68,7 +67,6 @@ def record(
     seed : of the random numbers; by default that of the map when it is continued, else 1
     append : continue a map of the same scene; ``force``: write over an existing one
     raw : store streams uncompressed, for debugging
-    compact : the smallest file, which takes longer to write and to read
     no_rays : trace for the detectors' results only; a map that is written has no rays
     portion_rays : rays per portion; the map's content does not depend on it
     progress : called after every portion, in the calling thread
@@ -97,7 +95,7 @@ def record(
         check_target(Path(path), force=force)
     trace = trace_of(scene)
     count = threads or os.cpu_count() or 1
-    encoder = None if no_rays else PortionEncoder(trace.directory, raw=raw, compact=compact)
+    encoder = None if no_rays else PortionEncoder(trace.directory, raw=raw)
     trace = trace.prepared(encoder, count)
     if executor is not None and not here:
         if no_rays or path is None:
@@ -106,14 +104,14 @@ def record(
 
         return record_shards(
             trace, path, executor, rays=rays, seconds=seconds, seed=seed, append=append,
-            force=force, raw=raw, compact=compact, portion_rays=portion_rays, progress=progress,
+            force=force, raw=raw, portion_rays=portion_rays, progress=progress,
             cancel=cancel,
         )  # fmt: skip
     if path is None:
         run = _Run(trace, None, rays, seconds, seed, count, portion_rays, progress)
         run.cancel = cancel
         return run.go(executor)
-    with _writer(Path(path), trace, append=append, force=force, raw=raw, compact=compact) as writer:
+    with _writer(Path(path), trace, append=append, force=force, raw=raw) as writer:
         if no_rays:
             run = _Run(trace, None, rays, seconds, seed, count, portion_rays, progress)
             run.cancel = cancel
@@ -174,12 +172,9 @@ def _writer(
     append: bool,
     force: bool,
     raw: bool,
-    compact: bool,
 ) -> RayMapWriter:
     if append and path.exists():
-        writer = RayMapWriter.append_to(
-            path, trace.directory, raw=raw, compact=compact, trusted=True
-        )
+        writer = RayMapWriter.append_to(path, trace.directory, raw=raw, trusted=True)
         if any((run.get("parameters") or {}).get(NO_RAYS) for run in writer.runs):
             writer.close()
             raise SceneError(
@@ -192,7 +187,6 @@ def _writer(
         meshes=trace.meshes,
         force=force,
         raw=raw,
-        compact=compact,
         trusted=True,
     )
 

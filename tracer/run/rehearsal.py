@@ -35,7 +35,7 @@ def compile_trace(compilation: Compilation, encoder: PortionEncoder | None, thre
     engine = Wavefront(compilation.arrays, 0, meshes=compilation.solids, weighted=True)
     kind = "none"
     if encoder is not None:
-        kind = f"{encoder.raw} {encoder.compact} {encoder.shapes.complete}"
+        kind = f"{encoder.raw} {encoder.shapes.complete}"
     key = f"{kind} {bool(directory.detectors)} {channel_set.n_channels}"
     arguments = (directory, channel_set, encoder)
     rehearsal = Task(rehearse.__module__, rehearse.__qualname__, arguments, key)

@@ -49,7 +49,6 @@ class ShardTask:
     seconds: float | None
     portion_rays: int | None
     raw: bool
-    compact: bool
     folder: Path | Address
     probe: str | None
     meshes: bool
@@ -125,7 +124,6 @@ def _trace_into(task: ShardTask, path: Path) -> RecordResult:
             trace.directory,
             meshes=trace.meshes if task.meshes else {},
             raw=task.raw,
-            compact=task.compact,
             trusted=True,
             first_ray=task.first_ray * trace.fan,
         ) as writer,

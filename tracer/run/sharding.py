@@ -50,7 +50,6 @@ def record_shards(
     append: bool = False,
     force: bool = False,
     raw: bool = False,
-    compact: bool = False,
     portion_rays: int | None = None,
     shard_rays: int | None = None,
     progress: Callable[[Progress], None] | None = None,
@@ -63,7 +62,7 @@ def record_shards(
     scene : as for `record`
     folder : of the shards; also an address (``s3://bucket/lens``). Workers that do not see it send
         their shards back
-    rays, seconds, seed, append, force, raw, compact, portion_rays, progress, cancel : as for
+    rays, seconds, seed, append, force, raw, portion_rays, progress, cancel : as for
         `record`
     shard_rays : rays per shard (emissions, where rays split); by default about four shards for
         each worker
@@ -86,7 +85,7 @@ def record_shards(
         chosen = known_seed if seed is None else seed
         spread = _SpreadTrace(
             trace, place, executor, first_ray=first, seed=chosen, rays=rays, seconds=seconds,
-            raw=raw, compact=compact, portion_rays=portion_rays, shard_rays=shard_rays,
+            raw=raw, portion_rays=portion_rays, shard_rays=shard_rays,
         )  # fmt: skip
         return spread.run(progress, cancel)
 
@@ -105,7 +104,6 @@ class _SpreadTrace:
         rays: int | None,
         seconds: float | None,
         raw: bool,
-        compact: bool,
         portion_rays: int | None,
         shard_rays: int | None,
     ) -> None:
@@ -125,7 +123,6 @@ class _SpreadTrace:
             seconds=seconds,
             portion_rays=portion_rays,
             raw=raw,
-            compact=compact,
             folder=place,
             probe=None,
             meshes=False,

@@ -17,6 +17,7 @@ from raymap.bytes.streams import WHOLE, Scope, StreamSet, decode_column, frame_o
 from raymap.encoding import dictionary, pathwords
 from raymap.encoding.dictionary import find_paths
 from raymap.encoding.encoder import PortionEncoder
+from tests.raymap.compact import write_compactly
 from tests.raymap.maps import RGB, portion_at, small_directory
 from tests.strategies import assert_same_portion
 
@@ -38,9 +39,9 @@ def test_columns_may_be_used_again_once_a_portion_is_encoded(tmp_path, form, n_p
     path = tmp_path / "a.raymap"
     options = {"n_rays": 40, "n_paths": n_paths, "weighted": True, "extra": True}
     expected = [portion_at(100 * k, seed=k, **options) for k in range(6)]
-    with raymap.RayMapWriter.create(
-        path, small_directory(), raw=form == "raw", compact=form == "compact"
-    ) as writer:
+    with raymap.RayMapWriter.create(path, small_directory(), raw=form == "raw") as writer:
+        if form == "compact":
+            write_compactly(writer)
         writer.add_channel_set(RGB)
         encoded = []
         for number in range(6):

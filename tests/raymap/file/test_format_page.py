@@ -19,6 +19,7 @@ from raymap.model.events import ENDINGS, Event
 from tests.data.golden.v1.make import HERE, MAKERS, columns_of, traced_portion
 from tests.examples import examples
 from tests.naive.format_reader import read_map
+from tests.raymap.compact import write_compactly
 from tests.raymap.format_example import bytes_of, directory, lines
 from tests.raymap.maps import RGB
 from tests.strategies import assert_same_portion, channel_sets, directories, portions
@@ -77,7 +78,9 @@ def test_the_independent_reader_reads_any_portion(tmp_path_factory, drawn):
     portion = drawn.draw(portions(directory, channels, max_rays=20))
     path = tmp_path_factory.mktemp("any") / "a.raymap"
     compact = drawn.draw(st.booleans())
-    with raymap.RayMapWriter.create(path, directory, compact=compact) as writer:
+    with raymap.RayMapWriter.create(path, directory) as writer:
+        if compact:
+            write_compactly(writer)
         writer.add_channel_set(channels)
         writer.append(portion)
     (found,) = read_map(path)[2]

@@ -22,6 +22,7 @@ from raymap.file.verify import verify
 from raymap.model import limits
 from raymap.model.events import Event
 from tests.examples import examples
+from tests.raymap.compact import write_compactly
 from tests.raymap.maps import RGB, small_directory, write_small
 from tests.strategies import assert_same_portion, make_portion
 
@@ -199,7 +200,9 @@ def _one_ray(directory, *, descriptors):
 def test_a_segment_may_meet_65535_detectors(tmp_path, compact):
     directory = small_directory()
     portion = _one_ray(directory, descriptors=limits.MAX_DESCRIPTORS_PER_SEGMENT)
-    with raymap.RayMapWriter.create(tmp_path / "a.raymap", directory, compact=compact) as writer:
+    with raymap.RayMapWriter.create(tmp_path / "a.raymap", directory) as writer:
+        if compact:
+            write_compactly(writer)
         writer.add_channel_set(RGB)
         writer.append(portion)
     with raymap.open(tmp_path / "a.raymap") as ray_map:

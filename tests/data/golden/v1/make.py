@@ -13,6 +13,7 @@ import numpy as np
 
 import raymap
 from raymap.model.events import Event
+from tests.raymap.compact import write_compactly
 from tests.raymap.maps import RGB, SPECTRAL, small_directory
 from tests.strategies import make_portion
 
@@ -122,12 +123,14 @@ def traced_portion(n_rays, first_ray, channels=RGB, channel_set=0):
 
 def make_lens(path):
     """Everything that shapes imply; two channel sets, two runs, a footer in the middle."""
-    with raymap.RayMapWriter.create(path, lens_directory(), compact=True) as writer:
+    with raymap.RayMapWriter.create(path, lens_directory()) as writer:
+        write_compactly(writer)
         writer.add_channel_set(RGB)
         writer.start_run(seed=1)
         writer.append(traced_portion(300, 0))
         writer.append(traced_portion(40, 300))
-    with raymap.RayMapWriter.append_to(path, compact=True) as writer:
+    with raymap.RayMapWriter.append_to(path) as writer:
+        write_compactly(writer)
         number = writer.add_channel_set(SPECTRAL)
         writer.start_run(seed=2)
         writer.append(traced_portion(50, 1000, SPECTRAL, number))
