@@ -13,6 +13,7 @@ from raymap.model.plaintext import plain_text
 
 if TYPE_CHECKING:
     from raymap.file.reader import RayMap
+    from raymap.model.directory import Directory
 
 __all__ = ["export", "info", "repair", "stream_costs", "verify"]
 
@@ -22,11 +23,17 @@ def info(
     streams: Annotated[
         bool, typer.Option("--streams", help="Show what each stream costs.")
     ] = False,
+    scene: Annotated[
+        bool, typer.Option("--scene", help="Print the scene's text, as it was recorded.")
+    ] = False,
     json: Json = False,
     strict: Strict = False,
 ) -> None:
     """Show what a map holds."""
     with opened_map(map, strict) as ray_map:
+        if scene:
+            _print_scene(ray_map.directory, json)
+            return
         summary = ray_map.describe()
         if streams:
             summary["streams"] = stream_costs(ray_map)
@@ -146,6 +153,25 @@ def stream_costs(ray_map: RayMap) -> list[dict[str, Any]]:
     return sorted(rows, key=lambda row: -row["bytes"])
 
 
+def _print_scene(directory: Directory, json: bool) -> None:
+    if json:
+        emit_json(
+            {
+                "text": directory.scene_text,
+                "parameters": directory.parameters,
+                "inputs": [entry.model_dump() for entry in directory.inputs],
+            }
+        )
+        return
+    if not directory.scene_text:
+        raise RayMapError("the map does not hold the text of its scene: it was recorded elsewhere")
+    variants = directory.parameters.get("variants")
+    if isinstance(variants, list | tuple) and variants:
+        typer.echo(f"# recorded with --variant {', '.join(map(str, variants))}", err=True)
+    for line in directory.scene_text.rstrip().splitlines():
+        typer.echo("\t".join(map(plain_text, line.split("\t"))))
+
+
 def _print_summary(summary: dict[str, Any]) -> None:
     from rich.console import Console
     from rich.table import Table
@@ -167,6 +193,8 @@ def _print_summary(summary: dict[str, Any]) -> None:
         names = summary[kind]
         shown = ", ".join(names[:12]) + (f", … ({len(names)})" if len(names) > 12 else "")
         console.print(f"{kind}: {shown or 'none'}", markup=False)
+    for each in summary["inputs"]:
+        console.print(f"read: {each['name']} ({each['bytes']:,} bytes)", markup=False)
     for labels in summary["channels"]:
         console.print(f"channels: {', '.join(labels)}", markup=False)
     if "streams" in summary:

@@ -629,6 +629,7 @@ class RayMap:
             "detectors": [detector.name for detector in directory.detectors],
             "media": [medium.name for medium in directory.media],
             "channels": [channel_set.labels for channel_set in self.channel_sets],
+            "inputs": [entry.model_dump() for entry in directory.inputs],
             "units": {"length": directory.length_unit, "flux": directory.flux_unit},
             "emitted": dict(
                 zip(

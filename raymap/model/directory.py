@@ -42,6 +42,7 @@ from raymap.model.schema import NONE
 
 __all__ = [
     "BoundingSphere",
+    "InputFile",
     "ChannelSet",
     "Detector",
     "Directory",
@@ -146,6 +147,14 @@ class Detector(Entry):
             raise ValueError(f"its size is {self.size}, no two lengths")
         check_cells(self.cells, self.parameters)
         return self
+
+
+class InputFile(Entry):
+    """A file that the scene was made of; its content is not in the map."""
+
+    name: PlainText
+    bytes: Annotated[int, Field(ge=0)] = 0
+    sha256: PlainText = ""
 
 
 class BoundingSphere(Entry):
@@ -291,6 +300,8 @@ class Directory(Entry):
     """Hash of geometry, media, surfaces, sources and detectors; maps of one scene share it."""
     scene_text: str = ""
     """The scene description as the user wrote it, for people."""
+    inputs: Annotated[tuple[InputFile, ...], Field(max_length=MAX_INDEX), FailFast()] = ()
+    """The files that the scene read, to tell whether they are still the same."""
     title: PlainText = ""
     parameters: Parameters = Field(default_factory=dict)
 

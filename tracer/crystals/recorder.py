@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +18,7 @@ from raymap.model.directory import (
     Directory,
     DisplayMesh,
     Face,
+    InputFile,
     Medium,
     SceneObject,
     Source,
@@ -133,6 +136,8 @@ class CrystalScene:
     depth: int = 30
     name: str = "crystals"
     text: str = ""
+    inputs: tuple[InputFile, ...] = ()
+    parameters: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not self.sources:
@@ -207,6 +212,8 @@ class CrystalScene:
             bounding_sphere=BoundingSphere(center=(x, y, z), radius=radius),
             title=self.name,
             scene_text=self.text,
+            inputs=self.inputs,
+            parameters=dict(self.parameters),
         )
         return directory, meshes
 
@@ -322,7 +329,9 @@ def hashed_directory(
 ) -> tuple[Directory, dict[int, DisplayMesh]]:
     """Directory with the fingerprint of the scene, and meshes to draw."""
     directory, meshes = scene.directory()
-    digest = hashlib.sha256(directory.model_dump_json(exclude={"scene_text"}).encode())
+    digest = hashlib.sha256(
+        directory.model_dump_json(exclude={"scene_text", "inputs", "parameters"}).encode()
+    )
     for body in scene.bodies:
         digest.update(body.planes.tobytes() + body.vertices.tobytes())
         digest.update(body.medium.row(589.3).tobytes())

@@ -40,10 +40,11 @@ from tracer.crystals.rhomb_body import RhombBody
 from tracer.crystals.rows import ISOTROPIC, KIND
 from tracer.description.channels import RGB_NM
 from tracer.description.fields import Node
-from tracer.description.named_files import named_file
+from tracer.description.named_files import named_file, noting_files
 from tracer.detectors.model import DetectorModel
 from tracer.media.model import MediumModel
 from tracer.run.results import depth_limit
+from tracer.scene.inputs import inputs_of, taking_part
 from tracer.scene.model import Scene
 from tracer.scene.supported import refuse_weighting
 from tracer.sources.model import SourceModel
@@ -173,9 +174,11 @@ def crystal_scene_of(scene: Scene) -> CrystalScene:
                 f"{scene.world.medium!r} is a crystal; light must come from an isotropic medium: "
                 "put the crystal into a body",
             )
+    with noting_files() as noted:
+        bodies = bodies_of(scene)
     return CrystalScene(
         name=scene.title or "crystals",
-        bodies=bodies_of(scene),
+        bodies=bodies,
         sources=tuple(_pencil(scene, name, source) for name, source in sources.items()),
         detectors=tuple(_plane(scene, name) for name in scene.detectors),
         wavelengths_nm=tuple(float(w) for w in scene.spectrum.channels()),
@@ -183,6 +186,8 @@ def crystal_scene_of(scene: Scene) -> CrystalScene:
         contacts=scene.contacts,
         depth=scene.limits.depth,
         text=scene.text,
+        inputs=inputs_of(scene, noted),
+        parameters=taking_part(scene),
     )
 
 

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+import raymap
 from raymap.encoding.encoder import EncodedPortion, PortionEncoder
 from raymap.file.reader import NO_RAYS
 from raymap.file.writer import RayMapWriter
@@ -25,7 +26,7 @@ from raymap.remote.cluster import shares_memory
 from tracer.run.counted_map import write_counts
 from tracer.run.pieces import copied, split_portion
 from tracer.run.results import Progress, RecordResult, StoppedLight, stopped_notes
-from tracer.run.trace import Trace
+from tracer.run.trace import TRANSPORT_LAW, Trace
 from tracer.run.traces import trace_of
 from tracer.scene.compile import Compilation
 from tracer.scene.model import Scene
@@ -247,6 +248,8 @@ class _Run:
                 parameters={
                     "threads": self.threads,
                     "portion_rays": self.portion_rays,
+                    "raymap": raymap.__version__,
+                    "transport_law": TRANSPORT_LAW,
                     **self.trace.parameters,
                 },
             )

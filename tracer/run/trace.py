@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from tracer.scene.model import Scene
     from tracer.transport.pinhole import Pinholes
 
-__all__ = ["CompiledTrace", "Engine", "Trace"]
+__all__ = ["TRANSPORT_LAW", "CompiledTrace", "Engine", "Trace"]
 
 
 class Engine(Protocol):
@@ -37,6 +37,10 @@ class Engine(Protocol):
 
         Kept are the records at which rays end and those with descriptors.
         """
+
+
+TRANSPORT_LAW = 1
+"""Raised whenever the same seed draws other paths; every run of a map says whose draws it holds."""
 
 
 class Trace(Protocol):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -40,7 +39,7 @@ from tracer.compiled import (
     CompiledScene,
     RareLight,
 )
-from tracer.description.named_files import named_file
+from tracer.description.named_files import named_file, noting_files
 from tracer.detectors.model import DetectorModel
 from tracer.geometry.kinds import ANNULUS, CYLINDER, MESH, RECTANGLE, SPHERE
 from tracer.geometry.shape_columns import ShapeColumns
@@ -48,6 +47,7 @@ from tracer.scene.candidates import Candidates, Departures
 from tracer.scene.contacts import find_contacts
 from tracer.scene.detectors import DetectorTable
 from tracer.scene.faces import FaceTable, given_parameters
+from tracer.scene.inputs import file_hash, inputs_of, taking_part
 from tracer.scene.media import medium_table
 from tracer.scene.meshes import SceneMeshes
 from tracer.scene.model import Scene
@@ -96,8 +96,10 @@ def compile_scene(scene: Scene) -> Compilation:
     SceneError
         names that nothing carries, impossible or overlapping bodies, no source
     """
-    with no_collecting():
-        return _Compiler(scene).compile()
+    with no_collecting(), noting_files() as noted:
+        compiled = _Compiler(scene).compile()
+    inputs = inputs_of(scene, noted)
+    return replace(compiled, directory=compiled.directory.model_copy(update={"inputs": inputs}))
 
 
 class _Compiler:
@@ -282,7 +284,7 @@ class _Compiler:
             detectors=tuple(self.detectors.entries),
             bounding_sphere=BoundingSphere(center=tuple(center.tolist()), radius=radius),
             scene_text=scene.text,
-            parameters=_taking_part(scene),
+            parameters=taking_part(scene),
             title=scene.title,
         )
         return directory.model_copy(update={"scene_hash": _scene_hash(scene)})
@@ -343,12 +345,6 @@ def _rows(array: Array) -> Any:
     return tuple(tuple(row) for row in np.asarray(array, float).tolist())
 
 
-def _taking_part(scene: Scene) -> dict[str, Any]:
-    """Which simulation this is and what was left out of it; empty where all took part."""
-    given = scene.selecting.model_dump(mode="json", exclude_defaults=True)
-    return {"simulation": given} if given else {}
-
-
 _HASHED = (
     "length_unit", "flux_unit", "world", "media", "bodies", "sources", "detectors",
 )  # fmt: skip
@@ -359,19 +355,10 @@ def _scene_hash(scene: Scene) -> str:
     parts = scene.model_dump(mode="json", include=set(_HASHED))
     parts["surfaces"] = {name: item.fingerprint() for name, item in scene.surfaces.items()}
     parts["files"] = {
-        file: _file_hash(named_file(scene.folder, file))
+        file: file_hash(named_file(scene.folder, file))[:32]
         for table in (scene.bodies, scene.sources)
         for item in table.values()
         if (file := getattr(item, "file", None)) is not None
     }
     text = json.dumps(parts, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:32]
-
-
-def _file_hash(path: Path) -> str:
-    """Fingerprint of a file, empty where it cannot be read (a source that is off)."""
-    try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()[:32]
-    except OSError:
-        return ""

@@ -16,6 +16,7 @@ from raymap.model.names import nearest_names
 from raymap.model.registry import Registry
 from tracer.bodies.body import Body
 from tracer.bodies.registry import BODIES
+from tracer.description.named_files import noting_files
 from tracer.detectors.registry import DETECTORS
 from tracer.geometry.mesh_format import MESH_FORMATS
 from tracer.media.model import MediumModel
@@ -34,7 +35,7 @@ _MESH = '[bodies.NAME] with kind = "mesh", file and scale'
 
 Model = TypeVar("Model", bound=BaseModel)
 
-_INTERNAL = {"text", "origin", "folder", "selecting"}
+_INTERNAL = {"text", "origin", "folder", "selecting", "files"}
 _TABLES = (set(Scene.model_fields) - _INTERNAL) | {
     "use", "leave_out", "variants", "simulations", "room", "camera", "render",
 }  # fmt: skip
@@ -125,6 +126,15 @@ def parse_scene(
 
     ``origin`` names it in messages; mesh files are looked up from ``folder``.
     """
+    with noting_files() as noted:
+        scene = _parse(text, variants, simulation, origin, folder)
+    files = {name: str(path) for name, path in noted.items()}
+    return scene.model_copy(update={"files": files})
+
+
+def _parse(
+    text: str, variants: Sequence[str], simulation: str | None, origin: str, folder: str | Path
+) -> Scene:
     try:
         tree = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -151,6 +161,7 @@ def parse_scene(
             raise SceneError(f"{origin}: {key}: unknown key{nearest_names(key, every)}")
     for key in _PICTURE:
         tree.pop(key, None)
+    tree["variants"] = (*chosen.variants, *variants)
     tree["text"] = text
     tree["origin"] = origin
     tree["folder"] = str(folder)

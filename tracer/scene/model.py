@@ -39,6 +39,8 @@ class Scene(Node):
     """A whole scene, as validated; `tracer.compile_scene` turns it into arrays.
 
     ``contacts`` : pairs of crystals that touch along a common face
+    ``variants`` : of the text, that were laid over it
+    ``files`` : that were read for the description: where, by the names that the text gives
     """
 
     title: str = ""
@@ -55,6 +57,8 @@ class Scene(Node):
     detectors: dict[str, SerializeAsAny[DetectorKind]] = {}
     contacts: tuple[tuple[str, str], ...] = ()
     selecting: Selecting = Selecting()
+    variants: tuple[str, ...] = ()
+    files: dict[str, str] = {}
     text: str = ""
     origin: str = "scene"
     folder: str = "."
