@@ -298,27 +298,26 @@ def _speckle(picture: Any, bin: int) -> str:
 
 def _written(path: Path, picture: Any, kind: str | None) -> dict[str, Any]:
     """What a picture holds, in numbers: in the unit of its kind, else in that of the map."""
-    from query.answers.images.image_files import QUANTITIES
+    from query.answers.images.lit import QUANTITIES
     from query.answers.images.readings import readings
     from raymap.optics.cells import is_pinhole
 
     name, unit, peak = picture.density_name, picture.density_unit, {}
     flux_unit = picture.flux_unit
     if kind in QUANTITIES:
-        values, _, unit = picture.quantity(kind)
-        name, flux_unit = kind, "W" if unit.startswith("W") else "lm"
-        peak = readings(picture, values, unit)
+        name, flux_unit = kind, picture.lit.unit_of(kind)
+        peak = readings(picture, kind)
+        unit = peak["unit"]
     elif picture.measure is not None:
-        peak = readings(picture, picture.density(), unit)
-    flux = float(picture.flux_in(flux_unit).sum())
+        peak = readings(picture)
     written = {
         "output": str(path),
         "detector": picture.detector.name,
         "cells": list(picture.detector.cells),
-        "flux": flux,
+        "flux": picture.total_in(flux_unit),
         "flux_se": picture.total_se_in(flux_unit),
         "flux_unit": flux_unit,
-        "registrations": int(picture.rays.sum()),
+        "registrations": picture.registrations,
         "grain": picture.grain,
         "summed_while_tracing": is_pinhole(picture.detector),
         "quantity": name,

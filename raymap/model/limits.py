@@ -102,7 +102,7 @@ RECORDS_FLOOR, RECORDS_PER_BYTE = 2**21, 16
 CELLS_FLOOR, CELLS_PER_BYTE = 2**24, 16
 """Cells x channels of a detector whose sums are made anew, against the bytes of the file."""
 
-PICTURE_FLOOR, PICTURE_PER_BYTE = 2**22, 4
+PICTURE_FLOOR, PICTURE_PER_BYTE = 2**24, 4
 """Cells of all pictures that are asked for at once, against the bytes of the file."""
 
 FREE_STREAM = 2**27

@@ -191,7 +191,14 @@ class Streams:
             image = detector_image(ray_map, detector, criterion, cancel=over, threads=self.threads)
             if not image.complete:
                 over.check()
-        height, width, channels = image.channels.shape
+        lit, (width, height) = image.lit, image.detector.cells
+        channels = lit.channels.shape[1]
+        columns = {
+            "flux": lit.flux,
+            "variance": lit.variance,
+            "rays": lit.rays,
+            "channels": lit.channels,
+        }
         schema = pa.schema(
             [
                 ("v", pa.int32()),
@@ -218,14 +225,14 @@ class Streams:
         def make() -> Iterator[pa.RecordBatch]:
             step = max(1, _BATCH // max(1, width * channels))
             for first in range(0, height, step):
-                rows = slice(first, min(first + step, height))
+                rows = range(first, min(first + step, height))
                 yield pa.record_batch(
                     [
                         pa.array(np.arange(rows.start, rows.stop, dtype=np.int32)),
-                        _fixed(image.flux[rows], schema.field("flux").type),
-                        _fixed(image.variance[rows], schema.field("variance").type),
-                        _fixed(image.rays[rows], schema.field("rays").type),
-                        _fixed(image.channels[rows], schema.field("channels").type),
+                        *(
+                            _fixed(lit.band(values, rows), schema.field(name).type)
+                            for name, values in columns.items()
+                        ),
                     ],
                     schema=schema,
                 )

@@ -105,7 +105,7 @@ def _picture(image: DetectorImage, folder: Path) -> None:
     for suffix in (".csv", ".exr", ".png"):
         write_image(image, folder / f"picture{suffix}")
     if image.measure is not None:
-        readings(image, image.density(), image.density_unit or "")
+        readings(image)
 
 
 def _luminaire(ray_map: raymap.RayMap, folder: Path) -> None:

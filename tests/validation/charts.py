@@ -78,7 +78,7 @@ def _lamp(shape: Callable[[Array], Array], last: float, half_deg: float, of: str
         value=[[value] for value in shape(np.radians(gamma)).tolist()],
     )
     image = _image(text, "far", 200_000)
-    beam = beam_of(image, image.candela)
+    beam = beam_of(image, "candela")
     return [
         _row(1000.0, beam.peak, unit="cd", of=f"{of}, peak"),
         _row(2.0 * half_deg, beam.planes[0].beam_deg, unit="°", of=f"{of}, beam angle"),
@@ -106,7 +106,7 @@ def lamps() -> list[Row]:
 )
 def wall() -> list[Row]:
     image = _image(WALL, "wall", 72_000)
-    numbers = readings(image, image.density(), "lx")
+    numbers = readings(image)
     return [
         _row(expected, (numbers[name], numbers[f"{name}_se"]), unit=unit, of=of)
         for name, expected, unit, of in (

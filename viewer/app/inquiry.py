@@ -36,10 +36,10 @@ from viewer.paint.plots import heat_map
 from viewer.panels.criterion import tree_fields
 from viewer.panels.detector import (
     Seen,
-    bin_cells,
     calm_binning,
     cross_sections,
     density_facts,
+    finest_binning,
     image_url,
     scale_fields,
 )
@@ -268,11 +268,13 @@ class Inquiry:
         if name is None or self.images is None:
             return {"detector_cells": None}
         mine, every = self.images
-        binning = state.binning or calm_binning(
-            (every if state.image == "full" else mine).image.flux
-        )
-        selected, whole = (bin_cells(seen.image.flux, binning) for seen in self.images)
         detector = next(entry for entry in directory.detectors if entry.name == name)
+        finest = finest_binning(detector.cells)
+        lit = (every if state.image == "full" else mine).image.lit
+        binning = max(state.binning or finest * calm_binning(lit.blocks(lit.flux, finest)), finest)
+        selected, whole = (
+            seen.image.lit.blocks(seen.image.lit.flux, binning) for seen in self.images
+        )
         shown = whole if state.image == "full" else selected
         top, unit = float(shown.max()), directory.flux_unit
         options: dict[str, Any] = {"log": state.log_scale, "colormap": state.colormap}

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from query import select
 from query.answers.images.images import detector_image as query_image
+from query.answers.images.lit import LitCells
 from query.answers.images.pictures import DetectorImage
 from query.answers.paths.ghosts import GhostMatrix, matrix_of
 from query.answers.paths.ghosts import ghost_table as query_ghosts
@@ -277,16 +278,17 @@ def _dark(ray_map: RayMap, entry: Detector) -> DetectorImage:
     # A map that is only begun has no channels yet; any will do for darkness
     begun = ChannelSet(kind="spectral", wavelengths_nm=(555.0,))
     channels = ray_map.channel_sets[0] if ray_map.channel_sets else begun
-    shape = entry.cells[::-1]
-    return DetectorImage(
+    lit = LitCells(
         detector=entry,
         channel_set=channels,
         flux_unit=ray_map.directory.flux_unit,
         length_unit=ray_map.directory.length_unit,
-        channels=np.zeros((*shape, channels.n_channels)),
-        variance=np.zeros(shape),
-        rays=np.zeros(shape, np.int64),
+        cell=np.zeros(0, np.int64),
+        channels=np.zeros((0, channels.n_channels)),
+        variance=np.zeros(0),
+        rays=np.zeros(0, np.int64),
     )
+    return DetectorImage(lit=lit)
 
 
 def ghost_matrix(ray_map: RayMap, text: str, *, cancel: Cancel | None = None) -> GhostMatrix | str:

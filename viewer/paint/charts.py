@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from query import DetectorImage, detector_image
 from query.answers.images.beams import BeamPlane, beam_of
+from query.answers.images.binning import bin_cells
 from query.answers.images.readings import reading_lines, readings
 from raymap import RayMap
 from raymap.model.errors import RayMapError
@@ -31,6 +32,8 @@ _DECADES = 1e-5
 """A logarithmic scale without a lower end goes down to this share of the highest value."""
 _PICTURE = (5.6, 4.4)
 """Room for a picture in false colours [inch]."""
+_MOST_DRAWN = 1024
+"""Cells along either axis of a picture: about as many as it has pixels."""
 _COLORS = ("#1f5fa8", "#d9480f")
 
 
@@ -89,15 +92,15 @@ def chart(
         raise RayMapError("the scale must go up: 0 <= low < high")
     figure = _figure()
     image = detector_image(map, detector, criterion, bin=bin)
-    density, quantity, unit = _density(image, luminous)
+    asked, name = _quantity(image, luminous)
     is_beam = image.detector.kind == "far_field" and image.measure is not None
-    beam = beam_of(image, density) if is_beam else None
-    numbers = readings(image, density, unit, beam)
-    label = f"{quantity} [{unit}]"
+    beam = beam_of(image, asked) if is_beam else None
+    numbers = readings(image, asked, beam)
+    label = f"{name} [{numbers['unit']}]"
     if beam is not None:
         _far_field(figure, beam.planes, label, log, low, high)
     else:
-        _false_colors(figure, image, density, label, (log, low, high), at, colors)
+        _false_colors(figure, image, asked, label, (log, low, high), at, colors)
     what = "" if criterion is None else f": {criterion}"
     heading = title if title is not None else f"{map.directory.title} – {detector}{what}"
     figure.suptitle(_cut(heading.removeprefix(" – "), 90), fontsize=11)
@@ -118,16 +121,15 @@ def _cut(text: str, room: int) -> str:
     return text if len(text) <= room else text[: room - 1] + "…"
 
 
-def _density(image: DetectorImage, luminous: bool) -> tuple[Array, str, str]:
-    """Values per cell, what they are called and their unit."""
-    if image.measure is None:
-        return image.flux, "flux per cell", image.flux_unit
-    name, unit = image.density_name or "density", image.density_unit or ""
-    name = "intensity" if name == "candela" else name
-    if luminous and image.flux_unit != "lm":
-        unit = image.measure.density_unit("lm")
-        name = {"lx": "illuminance", "cd": "intensity", "cd/m²": "luminance"}.get(unit, name)
-    return image.density(luminous=luminous), name, unit
+def _quantity(image: DetectorImage, luminous: bool) -> tuple[str | None, str]:
+    """The quantity that is drawn, None for that in the unit of the map, and what it is called."""
+    name = image.density_name
+    if name is None:
+        return None, "flux per cell"
+    luminous_name = {"irradiance": "illuminance", "intensity": "candela", "radiance": "luminance"}
+    asked = luminous_name.get(name) if luminous else None
+    name = asked or name
+    return asked, "intensity" if name == "candela" else name
 
 
 def _wrapped(lines: list[str], room: int = 130) -> str:
@@ -203,7 +205,7 @@ def _scale(axes: Axes, log: bool, bottom: float, top: float) -> None:
 def _false_colors(
     figure: Figure,
     image: DetectorImage,
-    density: Array,
+    asked: str | None,
     label: str,
     scale: tuple[bool, float | None, float | None],
     at: tuple[float, float] | None,
@@ -212,7 +214,16 @@ def _false_colors(
     """The picture upright, a scale beside it, a cross section along either axis."""
     from matplotlib.colors import ListedColormap, LogNorm, Normalize
 
+    density, side = _drawn(image, asked)
+    if side > 1:
+        label += f", means of {side} × {side} cells"
     width, height = image.detector.size
+    n_v, n_u = density.shape
+    # Blocks at the far borders may reach beyond the detector
+    right, top_edge = (
+        (n * side / cells - 0.5) * length
+        for n, cells, length in zip((n_u, n_v), image.detector.cells, (width, height), strict=True)
+    )
     unit = str(image.detector.parameters.get("size_unit", image.length_unit))
     bottom, top = _ends(density, *scale)
     norm = LogNorm(bottom, top) if scale[0] else Normalize(bottom, top)
@@ -221,7 +232,7 @@ def _false_colors(
     shown = main.imshow(
         np.maximum(density, bottom) if scale[0] else density,
         origin="lower",
-        extent=(-width / 2, width / 2, -height / 2, height / 2),
+        extent=(-width / 2, right, -height / 2, top_edge),
         cmap=ListedColormap(table),
         norm=norm,
         aspect="auto",
@@ -234,18 +245,20 @@ def _false_colors(
             f"the cross sections at {u:g}, {v:g} lie beside the detector: u goes from "
             f"{-width / 2:g} to {width / 2:g}, v from {-height / 2:g} to {height / 2:g} {unit}"
         )
+    main.set_xlim(-width / 2, width / 2)
+    main.set_ylim(-height / 2, height / 2)
     main.axhline(v, color="white", lw=0.5, alpha=0.5)
     main.axvline(u, color="white", lw=0.5, alpha=0.5)
     main.set_ylabel(f"v [{unit}]")
     main.tick_params(labelbottom=False)
-    n_v, n_u = density.shape
-    row = min(int((v / height + 0.5) * n_v), n_v - 1)
-    column = min(int((u / width + 0.5) * n_u), n_u - 1)
-    edges = np.linspace(-width / 2, width / 2, n_u + 1)
+    cells_u, cells_v = image.detector.cells
+    row = min(int((v / height + 0.5) * cells_v) // side, n_v - 1)
+    column = min(int((u / width + 0.5) * cells_u) // side, n_u - 1)
+    edges = np.linspace(-width / 2, right, n_u + 1)
     below.stairs(density[row], edges, color=_COLORS[0])
     _scale(below, scale[0], bottom, top)
     below.set_xlabel(f"u [{unit}]")
-    edges = np.linspace(-height / 2, height / 2, n_v + 1)
+    edges = np.linspace(-height / 2, top_edge, n_v + 1)
     beside.stairs(density[:, column], edges, orientation="horizontal", color=_COLORS[1])
     beside.tick_params(labelleft=False, labelsize=8)
     beside.grid(alpha=0.25)
@@ -253,6 +266,19 @@ def _false_colors(
         beside.set_xscale("log")
     beside.set_xlim(bottom, 1.1 * top if scale[0] else 1.04 * top)
     beside.xaxis.tick_top()
+
+
+def _drawn(image: DetectorImage, asked: str | None) -> tuple[Array, int]:
+    """(n_v, n_u) means over blocks, as many as the picture has pixels for, and their side."""
+    lit, side = image.lit, -(-max(image.detector.cells) // _MOST_DRAWN)
+    values = lit.quantity(asked)[0]
+    if side == 1:
+        return lit.spread(values), 1
+    if image.measure is None:
+        return lit.blocks(values, side) / side**2, side
+    size = bin_cells(image.measure.values, side)
+    flux = lit.blocks(values * lit.size, side)
+    return np.divide(flux, size, out=np.zeros_like(flux), where=size > 0.0), side
 
 
 def _panels(figure: Figure, aspect: float) -> tuple[Axes, Axes, Axes, Axes]:

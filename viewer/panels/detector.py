@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import math
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from query.answers.images.binning import bin_cells
 from query.answers.images.pictures import DetectorImage
 from query.answers.images.readings import readings
 from raymap.model.doubt import FOOTNOTE, MARK, with_error
@@ -27,22 +29,26 @@ __all__ = [
     "FIELDS",
     "KINDS",
     "Seen",
-    "bin_cells",
     "calm_binning",
     "cross_sections",
     "density_facts",
+    "finest_binning",
     "image_url",
     "scale_fields",
 ]
 
 _BINNINGS = (1, 2, 4, 8, 16)
 _CALM, _MANY = 0.8, 8.0
+_MOST_SHOWN = 2**20
+"""Blocks of cells in a picture at most."""
 
 
-def bin_cells(values: NDArray[np.floating], binning: int) -> NDArray[np.float64]:
-    """Sums of blocks of cells; those at the far borders may hold fewer cells."""
-    rows, columns = (np.arange(0, side, binning) for side in values.shape)
-    return np.asarray(np.add.reduceat(np.add.reduceat(values, rows, 0), columns, 1), np.float64)
+def finest_binning(cells: tuple[int, int]) -> int:
+    """Side of the smallest blocks of so many cells that a page is sent."""
+    binning = 1
+    while math.prod(-(-n // binning) for n in cells) > _MOST_SHOWN:
+        binning *= 2
+    return binning
 
 
 def calm_binning(values: NDArray[np.floating]) -> int:
@@ -81,12 +87,14 @@ def image_url(
     ----------
     values : (rows, columns) flux per block of ``binning`` cells each way
     highest : value of the brightest colour
-    cells : of the detector (u, v); the picture has one pixel for each
+    cells : of the detector (u, v); the picture has one pixel for each, or for each of the
+        smallest blocks that a page is sent
     """
     pixels = apply_colormap(_scaled(values, log=log, highest=highest), colormap)
+    finest = finest_binning(cells)
     for axis in (0, 1):
-        pixels = np.repeat(pixels, binning, axis=axis)
-    pixels = pixels[: cells[1], : cells[0]]
+        pixels = np.repeat(pixels, binning // finest, axis=axis)
+    pixels = pixels[: -(-cells[1] // finest), : -(-cells[0] // finest)]
     png = encode_png(np.ascontiguousarray(pixels[::-1]))
     return "data:image/png;base64," + base64.b64encode(png).decode()
 
@@ -101,9 +109,7 @@ class Seen:
     @classmethod
     def of(cls, image: DetectorImage) -> Seen:
         """Read the peak and the like off a picture."""
-        if image.density_unit is None:
-            return cls(image, readings(image, image.flux, image.flux_unit))
-        return cls(image, readings(image, image.density(), image.density_unit))
+        return cls(image, readings(image))
 
     @property
     def peak(self) -> str:
@@ -132,13 +138,13 @@ def density_facts(
         return []
     unit = f" {selected.numbers['unit']}"
     both = selected.numbers, whole.numbers
-    size = float(bin_cells(measure.values, binning)[place])
+    down, across = (slice(k * binning, (k + 1) * binning) for k in place)
+    size = float(measure.values[down, across].sum())
     here = []
     for seen in (selected, whole):
-        flux, variance = (
-            float(bin_cells(values, binning)[place])
-            for values in (seen.image.flux, seen.image.variance)
-        )
+        lit = seen.image.lit
+        inside = (lit.row // binning == place[0]) & (lit.column // binning == place[1])
+        flux, variance = float(lit.flux[inside].sum()), float(lit.variance[inside].sum())
         here.append(with_error(flux / size, variance**0.5 / size) + unit if size > 0.0 else "–")
     rows = [("Here", here), ("Peak", [said(numbers, "peak", unit) for numbers in both])]
     if "planes" in whole.numbers:

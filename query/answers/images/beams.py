@@ -8,9 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from query.answers.images.lit import LitCells
 from query.answers.images.local_fits import Joined, join_windows, largest, shares_of
 from query.answers.images.pictures import DetectorImage
 from query.answers.images.sphere_fits import harmonics_shown, sphere_fits
+from query.engine.tally import sums as sums_of
+from raymap.model.directory import Detector
 from raymap.model.errors import RayMapError
 
 __all__ = ["Beam", "BeamPlane", "beam_of", "full_angle"]
@@ -21,6 +24,9 @@ Measured = tuple[float, float]
 
 _MOST_AROUND, _MOST_ROWS = 72, 180
 """Cells in C and rows in gamma from which on neighbours are joined beforehand."""
+
+_MOST_CELLS = 2**18
+"""Cells that are fitted at most."""
 
 _COUNTED = 30.0
 """Rays from which on a cell says by itself what the intensity is at least."""
@@ -72,33 +78,30 @@ class Beam:
     planes: tuple[BeamPlane, ...]
 
 
-def beam_of(image: DetectorImage, density: Floats) -> Beam:
+def beam_of(image: DetectorImage, quantity: str | None = None) -> Beam:
     """Estimate the intensity of a far field from cells joined as far as their errors ask.
 
     Parameters
     ----------
-    density : (cells_v, cells_u) intensity as the cells have it, a row per gamma, a column per C
+    quantity : intensity or candela; None: that in the unit of the map
 
     Raises
     ------
     RayMapError
-        the detector is no far field whose angles are known
+        the detector is no far field whose angles are known, or has no such quantity
     """
-    measure, angles = image.measure, image.detector.parameters.get("gamma_deg")
-    if image.detector.kind != "far_field" or measure is None or angles is None:
+    lit, angles = image.lit, image.detector.parameters.get("gamma_deg")
+    if image.detector.kind != "far_field" or image.measure is None or angles is None:
         raise RayMapError(f"detector {image.detector.name!r} is no far field: it has no beam")
-    flux = density * measure.values
-    scale = np.divide(flux, image.flux, out=np.zeros_like(flux), where=image.flux > 0.0)
-    variance = image.variance * scale**2
-    total, squares = float(flux.sum()), float(variance.sum())
+    density, errors, _ = lit.quantity(quantity)
+    total, squares = float((density * lit.size).sum()), float(((errors * lit.size) ** 2).sum())
     rays = total**2 / squares if squares > 0.0 else 0.0
     low, high = (float(angle) for angle in angles)
-    image_variance = variance
-    flux, variance = _fewer_cells(flux, variance)
+    flux, variance = _fewer_cells(lit, density * lit.size, (errors * lit.size) ** 2)
     harmonics = harmonics_shown(flux, variance)
     fits = sphere_fits(shares_of(flux, variance), variance, (low, high), harmonics)
     joined = join_windows(fits, rays)
-    peak = _at_least(largest(joined), _densest(density, image_variance, measure.values))
+    peak = _at_least(largest(joined), _densest(density, errors, image.detector))
     n_gamma, n_c = flux.shape
     gamma = np.linspace(low, high, n_gamma + 1)
     grid = np.arange((n_gamma + 1) * n_c).reshape(n_gamma + 1, n_c)
@@ -116,17 +119,19 @@ def beam_of(image: DetectorImage, density: Floats) -> Beam:
     )
 
 
-def _densest(density: Floats, variance: Floats, size: Floats) -> Measured:
-    """The intensity of a cell, of all that which is largest beyond doubt, and its error.
+def _densest(density: Floats, se: Floats, detector: Detector) -> Measured:
+    """The intensity of a lit cell, of all that which is largest beyond doubt, and its error.
 
     Nowhere less than the mean of a cell is the largest intensity.
     """
-    se = np.sqrt(variance) / size
     # Chance brings so many errors among so many cells, and few rays scatter more
-    sure = np.where(variance > 0.0, (density * size) ** 2 >= _COUNTED * variance, True)
-    beyond = np.where(sure, density - math.sqrt(2.0 * math.log(density.size + 1.0)) * se, 0.0)
-    place = np.unravel_index(int(np.argmax(beyond)), density.shape)
-    return (float(density[place]), float(se[place])) if beyond[place] > 0.0 else (0.0, 0.0)
+    sure = np.where(se > 0.0, density**2 >= _COUNTED * se**2, True)
+    chance = math.sqrt(2.0 * math.log(math.prod(detector.cells) + 1.0))
+    beyond = np.where(sure, density - chance * se, 0.0)
+    if not beyond.max(initial=0.0) > 0.0:
+        return 0.0, 0.0
+    place = int(np.argmax(beyond))
+    return float(density[place]), float(se[place])
 
 
 def _at_least(peak: Measured, cell: Measured) -> Measured:
@@ -137,25 +142,57 @@ def _at_least(peak: Measured, cell: Measured) -> Measured:
     return cell[0], math.hypot(cell[1], missed)
 
 
-def _fewer_cells(flux: Floats, variance: Floats) -> tuple[Floats, Floats]:
+def _fewer_cells(lit: LitCells, flux: Floats, variance: Floats) -> tuple[Floats, Floats]:
     """The light in as few cells as its beam needs: work grows with their cube.
 
     Cells are joined evenly, to no fewer than half of the most, as long as the rows, and the
     columns, above half of the brightest are at least six.
+
+    Parameters
+    ----------
+    flux, variance : (n,) of the lit cells
+
+    Returns
+    -------
+    (rows, columns) flux and variance
     """
-    high = _joinable(flux.sum(axis=1), _MOST_ROWS)
-    wide = _joinable(flux.sum(axis=0), _MOST_AROUND)
-    shape = (flux.shape[0] // high, high, flux.shape[1] // wide, wide)
-    return flux.reshape(shape).sum(axis=(1, 3)), variance.reshape(shape).sum(axis=(1, 3))
+    n_c, n_gamma = lit.detector.cells
+    high, wide = (
+        _joinable(sums_of(place, flux, n), sums_of(place, variance, n), most)
+        for place, n, most in (
+            (lit.row, n_gamma, _MOST_ROWS),
+            (lit.column, n_c, _MOST_AROUND),
+        )
+    )
+    # Of beams that are too narrow for so many cells the peak is that of their brightest cell
+    while (n_gamma // high) * (n_c // wide) > _MOST_CELLS:
+        if n_gamma // high > n_c // wide:
+            high = next(d for d in range(high + 1, n_gamma + 1) if n_gamma % d == 0)
+        else:
+            wide = next(d for d in range(wide + 1, n_c + 1) if n_c % d == 0)
+    shape = n_gamma // high, n_c // wide
+    place = lit.row // high * shape[1] + lit.column // wide
+    joined = (sums_of(place, values, math.prod(shape)) for values in (flux, variance))
+    flux, variance = (values.reshape(shape) for values in joined)
+    return flux, variance
 
 
-def _joinable(light: Floats, most: int) -> int:
+def _joinable(light: Floats, variance: Floats, most: int) -> int:
     """How many rows (columns) of this light make one."""
-    bright = int(np.count_nonzero(light > 0.5 * light.max(initial=0.0)))
-    joined = min(_divisor(len(light), most), max(1, bright // 6))
-    while len(light) % joined:
-        joined -= 1
-    return joined
+    limit = _divisor(len(light), most)
+    for seen in range(1, limit + 1):
+        if len(light) % seen:
+            continue
+        flux, squares = (values.reshape(-1, seen).sum(axis=1) for values in (light, variance))
+        top = int(np.argmax(flux))
+        # Which rows are bright is only seen where the brightest holds some rays
+        if flux[top] ** 2 >= _COUNTED * squares[top]:
+            bright = seen * int(np.count_nonzero(flux > 0.5 * flux[top]))
+            joined = min(limit, max(1, bright // 6))
+            while len(light) % joined:
+                joined -= 1
+            return joined
+    return limit
 
 
 def _divisor(n: int, most: int) -> int:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from raymap.model.directory import Detector
 from raymap.model.errors import RayMapError
 
-__all__ = ["block_sums", "coarser", "fitting_blocks"]
+__all__ = ["bin_cells", "block_sums", "coarser", "fitting_blocks"]
 
 
 def fitting_blocks(detector: Detector) -> list[int]:
@@ -56,3 +56,10 @@ def block_sums(values: NDArray[Any], side: int) -> NDArray[Any]:
     blocks = values.reshape(rows, side, columns, side, *values.shape[2:])
     result: NDArray[Any] = blocks.sum(axis=(1, 3))
     return result
+
+
+def bin_cells(values: NDArray[np.floating], side: int) -> NDArray[np.float64]:
+    """Sums of blocks of cells; those at the far borders may hold fewer cells."""
+    for axis in (0, 1) if side > 1 else ():
+        values = np.add.reduceat(values, np.arange(0, values.shape[axis], side), axis)
+    return np.asarray(values, np.float64)

@@ -74,7 +74,7 @@ def ies_text(image: DetectorImage, *, issued: date | None = None) -> str:
 
 def _planes(image: DetectorImage) -> tuple[Array, Array, Array]:
     """C and gamma [deg], and (n_c, n_gamma) candela."""
-    beam = beam_of(image, image.candela)
+    beam = beam_of(image, "candela")
     values = beam.values.T
     if len(values) == 1:
         return np.zeros(1), beam.gamma_deg, values

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from query.answers.images.ies_file import write_ies
+from query.answers.images.lit import QUANTITIES
 from query.answers.images.narrow import narrow
 from query.answers.images.pictures import DetectorImage
 from query.answers.images.png import png_bytes, upright
@@ -18,24 +19,26 @@ from raymap.model.replacing import check_place, replacing
 
 __all__ = ["KINDS", "check_image", "write_image"]
 
-QUANTITIES = ("irradiance", "illuminance", "intensity", "candela", "radiance", "luminance")
-"""Flux per area, solid angle or étendue, in watt and in lumen."""
 KINDS = ("rgb", "flux", "flux_se", "rays", "density", "density_se", *QUANTITIES, "spectral")
 _SUFFIXES = (".png", ".tif", ".tiff", ".exr", ".csv", ".npy", ".ies")
 
 
 def values_of(image: DetectorImage, kind: str) -> NDArray[Any]:
-    """(cells_v, cells_u[, n]) values of one kind of picture, row 0 at the bottom."""
-    if kind == "rgb":
-        return image.linear_rgb
-    if kind == "spectral":
-        return image.channels
+    """(n,) or (n, m) values of one kind of picture at the cells that were met; 0 elsewhere."""
+    lit = image.lit
     if kind not in KINDS:
         raise RayMapError(f"pictures are of kind {', '.join(KINDS)}, not {kind!r}")
+    if kind in QUANTITIES:
+        return lit.quantity(kind)[0]
     if kind == "density":
-        return image.density()
-    result: NDArray[Any] = getattr(image, kind)
-    return result
+        return lit.per_measure(lit.flux)
+    if kind == "density_se":
+        return lit.per_measure(np.sqrt(lit.variance))
+    if kind == "rgb":
+        return lit.linear_rgb
+    if kind == "flux_se":
+        return np.sqrt(lit.variance)
+    return {"spectral": lit.channels, "flux": lit.flux, "rays": lit.rays}[kind]
 
 
 def unit_of(image: DetectorImage, kind: str) -> str:
@@ -45,7 +48,7 @@ def unit_of(image: DetectorImage, kind: str) -> str:
     if kind in ("rgb", "flux", "flux_se", "spectral"):
         return f"{image.flux_unit} per cell"
     if kind in QUANTITIES:
-        return image.quantity(kind)[2]
+        return image.lit.quantity(kind)[2]
     return image.density_unit or ""
 
 
@@ -54,10 +57,10 @@ def _pixels(image: DetectorImage, kind: str) -> NDArray[Any]:
     if kind == "rgb":
         return image.srgb()
     values = values_of(image, kind)
-    if values.ndim == 3:
+    if values.ndim == 2:
         raise RayMapError("a PNG holds no spectra; write .npy or .tiff, or the kind rgb")
-    top = float(values.max()) or 1.0
-    return np.round(np.clip(values / top, 0, 1) * 65535).astype(np.uint16)
+    top = float(values.max(initial=0.0)) or 1.0
+    return image.lit.spread(np.round(np.clip(values / top, 0, 1) * 65535).astype(np.uint16))
 
 
 def check_image(path: str | Path, kind: str | None = None) -> None:
@@ -123,7 +126,7 @@ def write_image(
             beside.write_bytes(png_bytes(upright(pixels)))
         elif suffix == ".npy":
             with beside.open("wb") as file:
-                np.save(file, values_of(image, kind))
+                np.save(file, image.lit.spread(values_of(image, kind)))
         elif suffix == ".exr":
             _write_exr(beside, image, kind)
         elif suffix == ".ies":
@@ -136,7 +139,7 @@ def write_image(
 def _write_tiff(path: Path, image: DetectorImage, kind: str) -> None:
     import tifffile
 
-    values = narrow(upright(values_of(image, kind)))
+    values = upright(image.lit.spread(narrow(values_of(image, kind))))
     if values.ndim == 3 and values.shape[2] != 3:
         values = np.moveaxis(values, 2, 0)
     tifffile.imwrite(
@@ -151,7 +154,7 @@ def _write_exr(path: Path, image: DetectorImage, kind: str) -> None:
     """One channel Y, or R, G, B, or one per channel of the trace; beside it its error."""
     from raymap.tables.exr import spectral_channels, write_exr
 
-    values = narrow(upright(values_of(image, kind)))
+    values = upright(image.lit.spread(narrow(values_of(image, kind))))
     if values.ndim == 2:
         channels = {"Y": values}
     elif kind == "rgb" or image.channel_set.kind == "rgb":
@@ -164,12 +167,25 @@ def _write_exr(path: Path, image: DetectorImage, kind: str) -> None:
 
 def _write_csv(path: Path, image: DetectorImage, kind: str | None) -> None:
     """A row per cell, lowest row first: place of its middle, values and errors."""
-    table = _places(image) | (_everything(image) if kind is None else _one_kind(image, kind))
+    lit = image.lit
+    columns = _everything(image) if kind is None else _one_kind(image, kind)
+    texts = [_cells_of(values) for values in columns.values()]
+    # Dark cells, of which there may be many more, differ in their place alone
+    dark = ",".join("0" if values.dtype.kind in "iub" else "0.0" for values in columns.values())
+    width, height = lit.detector.cells
+    across, along, names = _places(image)
+    first = np.searchsorted(lit.cell, np.arange(height + 1) * width).tolist()
+    column = lit.column.tolist()
     with path.open("w", encoding="utf-8") as file:
-        file.write(",".join(table) + "\n")
-        columns = [_cells_of(np.asarray(values)) for values in table.values()]
-        for row in zip(*columns, strict=True):
-            file.write(",".join(row) + "\n")
+        file.write(",".join((*names, *columns)) + "\n")
+        for row in range(height):
+            rows = [dark] * width
+            for k in range(first[row], first[row + 1]):
+                rows[column[k]] = ",".join(text[k] for text in texts)
+            file.writelines(
+                f"{u},{row},{place},{along[row]},{values}\n"
+                for u, (place, values) in enumerate(zip(across, rows, strict=True))
+            )
 
 
 def _cells_of(values: NDArray[Any]) -> list[str]:
@@ -183,58 +199,55 @@ def _cells_of(values: NDArray[Any]) -> list[str]:
     return [text if set(text) & set(".en") else text + ".0" for text in texts]
 
 
-def _places(image: DetectorImage) -> dict[str, NDArray[Any]]:
-    """Column and row of each cell, and where its middle lies."""
+def _places(image: DetectorImage) -> tuple[list[str], list[str], tuple[str, ...]]:
+    """Where the middles of columns and of rows lie, and the names of what says where a cell is."""
     detector = image.detector
-    rows, columns = (index.ravel() for index in np.indices(image.flux.shape))
-    u = (columns + 0.5) / detector.cells[0]
-    v = (rows + 0.5) / detector.cells[1]
+    u, v = ((np.arange(n) + 0.5) / n for n in detector.cells)
     unit = str(detector.parameters.get("size_unit", image.length_unit))
     gamma = detector.parameters.get("gamma_deg") if detector.kind == "far_field" else None
     if gamma is not None:
-        places = {"c [deg]": 360.0 * u, "gamma [deg]": gamma[0] + v * (gamma[1] - gamma[0])}
+        names = "c [deg]", "gamma [deg]"
+        across, along = 360.0 * u, gamma[0] + v * (gamma[1] - gamma[0])
     else:
-        places = {
-            f"u [{unit}]": (u - 0.5) * detector.size[0],
-            f"v [{unit}]": (v - 0.5) * detector.size[1],
-        }
-    return {"column": columns, "row": rows, **places}
+        names = f"u [{unit}]", f"v [{unit}]"
+        across, along = (u - 0.5) * detector.size[0], (v - 0.5) * detector.size[1]
+    return _cells_of(across), _cells_of(along), ("column", "row", *names)
 
 
 def _everything(image: DetectorImage) -> dict[str, NDArray[Any]]:
-    """Flux, rays, density and channels, in the unit of the map."""
+    """Flux, rays, density and channels of the lit cells, in the unit of the map."""
+    lit = image.lit
     table: dict[str, NDArray[Any]] = {
-        f"flux [{image.flux_unit}]": image.flux.ravel(),
-        f"flux_se [{image.flux_unit}]": image.flux_se.ravel(),
-        "rays": image.rays.ravel(),
+        f"flux [{image.flux_unit}]": lit.flux,
+        f"flux_se [{image.flux_unit}]": np.sqrt(lit.variance),
+        "rays": lit.rays,
     }
     if image.measure is not None:
-        table[f"{image.density_name} [{image.density_unit}]"] = image.density().ravel()
-        table[f"{image.density_name}_se [{image.density_unit}]"] = image.density_se.ravel()
+        values, errors, unit = lit.quantity()
+        table[f"{image.density_name} [{unit}]"] = values
+        table[f"{image.density_name}_se [{unit}]"] = errors
     return table | _channels(image)
 
 
 def _channels(image: DetectorImage) -> dict[str, NDArray[Any]]:
-    labels = image.channel_set.labels[: image.channels.shape[2]]
-    return {
-        f"{label} [{image.flux_unit}]": image.channels[:, :, k].ravel()
-        for k, label in enumerate(labels)
-    }
+    channels = image.lit.channels
+    labels = image.channel_set.labels[: channels.shape[1]]
+    return {f"{label} [{image.flux_unit}]": channels[:, k] for k, label in enumerate(labels)}
 
 
 def _one_kind(image: DetectorImage, kind: str) -> dict[str, NDArray[Any]]:
-    """The values asked for, beside them their errors where these are known."""
+    """The values asked for of the lit cells, beside them their errors where these are known."""
     if kind == "spectral":
         return _channels(image)
     unit = unit_of(image, kind)
+    values = values_of(image, kind)
     if kind == "rgb":
-        colors = image.linear_rgb
-        return {f"{name} [{unit}]": colors[:, :, k].ravel() for k, name in enumerate("RGB")}
+        return {f"{name} [{unit}]": values[:, k] for k, name in enumerate("RGB")}
     if kind == "rays":
-        return {"rays": image.rays.ravel()}
-    table = {f"{kind} [{unit}]": values_of(image, kind).ravel()}
+        return {"rays": values}
+    table = {f"{kind} [{unit}]": values}
     if kind in QUANTITIES:
-        table[f"{kind}_se [{unit}]"] = image.quantity(kind)[1].ravel()
+        table[f"{kind}_se [{unit}]"] = image.lit.quantity(kind)[1]
     elif kind in ("flux", "density"):
-        table[f"{kind}_se [{unit}]"] = values_of(image, f"{kind}_se").ravel()
+        table[f"{kind}_se [{unit}]"] = values_of(image, f"{kind}_se")
     return table

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from query.answers.images.binning import block_sums, coarser
+from query.answers.images.lit import LitCells
 from query.answers.images.pictures import DetectorImage
 from query.answers.paths.peaks import codes_at, registrations
 from query.answers.selections.selector import bind_all
@@ -108,25 +109,29 @@ def detector_images(
     share = 1.0 if scan.complete else float(emitted.sum() / max(int(scan.emitted.sum()), 1))
     used = min({portion.channel_set for portion in map.portions} or {0})
     light = map.photometry(used)
-    return {
-        name: DetectorImage(
-            detector=seen,
-            channel_set=map.channel_sets[used],
-            flux_unit=map.directory.flux_unit,
-            length_unit=map.directory.length_unit,
-            channels=light.flux_by_channel(sums[number].amounts.reshape(shape)) * share,
-            amounts=sums[number].amounts.reshape(shape) * share,
-            variance=sums[number].squares.reshape(shape[:2]) * share**2,
-            other_variance=sums[number].other_squares.reshape(shape[:2]) * share**2,
-            rays=sums[number].rays.reshape(shape[:2]),
+    pictures = {}
+    for name, found in zip(layers, sums, strict=True):
+        cells = found.cells()
+        pictures[name] = DetectorImage(
+            lit=LitCells(
+                detector=seen,
+                channel_set=map.channel_sets[used],
+                flux_unit=map.directory.flux_unit,
+                length_unit=map.directory.length_unit,
+                cell=cells.cell,
+                channels=light.flux_by_channel(cells.amounts) * share,
+                amounts=cells.amounts * share,
+                variance=cells.squares * share**2,
+                other_variance=cells.other_squares * share**2,
+                rays=cells.rays,
+            ),
             complete=scan.complete,
             total_variance={
                 unit: share**2 * variance
-                for unit, variance in sums[number].totals.variance(light.unit, emitted).items()
+                for unit, variance in cells.totals.variance(light.unit, emitted).items()
             },
         )
-        for number, name in enumerate(layers)
-    }
+    return pictures
 
 
 def _accumulate(
@@ -138,21 +143,9 @@ def _accumulate(
     threads: int | None,
     progress: Callable[[Progress], None] | None,
     cancel: Cancel,
-) -> tuple[list[_Cells], Scan]:
-    """Sums over all cells, per criterion, in one pass; ``detector``: its number, side of blocks."""
-    n_cells = shape[0] * shape[1]
-    everywhere, n_sources = np.arange(n_cells), len(map.directory.sources)
-    sums = [
-        _Cells(
-            everywhere,
-            np.zeros((n_cells, shape[2])),
-            np.zeros(n_cells),
-            np.zeros(n_cells),
-            np.zeros(n_cells, np.int64),
-            _Totals(*np.zeros((4, n_sources))),
-        )
-        for _ in nodes
-    ]
+) -> tuple[list[_Sums], Scan]:
+    """Sums of cells, per criterion, in one pass; ``detector``: its number, side of blocks."""
+    sums = [_Sums(shape, len(map.directory.sources)) for _ in nodes]
     width = shape[1]
 
     def visit(found: Found) -> list[_Cells | None]:
@@ -164,11 +157,7 @@ def _accumulate(
     def take(_: int, product: list[_Cells | None]) -> None:
         for total, cells in zip(sums, product, strict=True):
             if cells is not None:
-                total.amounts[cells.cell] += cells.amounts
-                total.squares[cells.cell] += cells.squares
-                total.other_squares[cells.cell] += cells.other_squares
-                total.rays[cells.cell] += cells.rays
-                total.totals.add(cells.totals)
+                total.add(cells)
 
     scan = Scan(
         map, nodes, visit=visit, take=take, threads=threads, progress=progress, cancel=cancel
@@ -190,6 +179,48 @@ class _Cells:
     other_squares: Floats
     rays: NDArray[np.int64]
     totals: _Totals
+
+
+class _Sums:
+    """Sums of many portions over the cells that were met, in the order in which they were."""
+
+    def __init__(self, shape: tuple[int, int, int], n_sources: int) -> None:
+        # Where a cell's sums stand, from 1 on; pages that no ray comes to take no memory
+        self._place = np.zeros(shape[0] * shape[1], np.int32)
+        self._n = 0
+        self._sums = self._room(0, shape[2])
+        self._totals = _Totals(*np.zeros((4, n_sources)))
+
+    @staticmethod
+    def _room(n: int, n_channels: int) -> tuple[NDArray[Any], ...]:
+        """Cell, amounts, squares, other squares and rays of so many cells."""
+        floats = np.zeros((n, n_channels)), np.zeros(n), np.zeros(n)
+        return np.zeros(n, np.int64), *floats, np.zeros(n, np.int64)
+
+    def add(self, cells: _Cells) -> None:
+        """Add another portion's."""
+        new = cells.cell[self._place[cells.cell] == 0]
+        end = self._n + len(new)
+        if end > len(self._sums[0]):
+            more = self._room(max(end - self._n, self._n), self._sums[1].shape[1])
+            self._sums = tuple(
+                np.concatenate((mine[: self._n], zeros))
+                for mine, zeros in zip(self._sums, more, strict=True)
+            )
+        self._place[new] = np.arange(self._n, end) + 1
+        self._sums[0][self._n : end] = new
+        self._n = end
+        place = self._place[cells.cell] - 1
+        news = cells.amounts, cells.squares, cells.other_squares, cells.rays
+        for mine, light in zip(self._sums[1:], news, strict=True):
+            mine[place] += light
+        self._totals.add(cells.totals)
+
+    def cells(self) -> _Cells:
+        """All of them, in ascending order."""
+        order = np.argsort(self._sums[0][: self._n])
+        cell, amounts, squares, other_squares, rays = (values[order] for values in self._sums)
+        return _Cells(cell, amounts, squares, other_squares, rays, self._totals)
 
 
 @dataclass(frozen=True, eq=False)
@@ -336,7 +367,7 @@ def _from_results(map: RayMap, detector: Detector, bin: int) -> DetectorImage:
     }
     variance = errors.pop(light.unit) ** 2
     [other] = errors.values()
-    return DetectorImage(
+    lit = LitCells.of_arrays(
         detector=detector,
         channel_set=map.channel_sets[0],
         flux_unit=map.directory.flux_unit,
@@ -347,3 +378,4 @@ def _from_results(map: RayMap, detector: Detector, bin: int) -> DetectorImage:
         other_variance=other**2,
         rays=np.round(sums.sum(axis=2)).astype(np.int64) * (not is_pinhole(detector)),
     )
+    return DetectorImage(lit=lit)

@@ -5,71 +5,87 @@ from __future__ import annotations
 import base64
 import math
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from query.answers.images.binning import fitting_blocks
+from query.answers.images.lit import LitCells
 from query.answers.images.png import png_bytes, upright
+from query.engine.tally import sums as sums_of
 from raymap.model.directory import ChannelSet, Detector
-from raymap.model.errors import RayMapError
-from raymap.optics.cells import CellMeasure, cell_measure
-from raymap.optics.colorimetry import encode_srgb, into_gamut, xyz_to_linear_srgb
-from raymap.optics.photometry import channel_efficacy, channel_rgb, channel_xyz
+from raymap.optics.cells import CellMeasure
+from raymap.optics.colorimetry import encode_srgb, into_gamut
 
 __all__ = ["DetectorImage"]
 
 Floats = NDArray[np.float64]
-
-_NAMES = {
-    "area": ("irradiance", "illuminance"),
-    "solid_angle": ("intensity", "candela"),
-    "etendue": ("radiance", "luminance"),
-}
-"""What flux per measure of a cell is called, radiant and luminous."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DetectorImage:
     """What a detector saw of a selection.
 
-    Row 0 is the bottom row of the detector, as cells are counted; files show it upright.
+    What has a value per cell is made anew each time it is asked for, zeros and all; ``lit`` holds
+    the cells that were met. Row 0 is the bottom row of the detector, as cells are counted; files
+    show it upright.
 
     Attributes
     ----------
-    detector, channel_set : of the map
-    flux_unit, length_unit : of the map
-    channels : (cells_v, cells_u, n_channels) flux per cell and channel [flux unit]; in a map in
-        lumen what each channel adds to them
-    variance : (cells_v, cells_u) squared standard error of the flux of a cell [flux unit²]
-    rays : (cells_v, cells_u) int64, registrations
+    lit : the cells that were met, and their light
     complete : False if the search was cancelled
-    amounts : (cells_v, cells_u, n_channels) watt per cell and channel; None: follows from
-        ``channels``, where the eye sees all of them
-    other_variance : (cells_v, cells_u) squared standard error of the flux in the other unit, lumen
-        of a map in watt and watt of one in lumen; None: its relative error is that of the flux
     total_variance : squared standard error of the flux of all cells together, by unit ("W", "lm");
         None: that of cells that are independent, which of most light is more
     """
 
-    detector: Detector
-    channel_set: ChannelSet
-    flux_unit: str
-    length_unit: str
-    channels: Floats
-    variance: Floats
-    rays: NDArray[np.int64]
+    lit: LitCells
     complete: bool = True
-    amounts: Floats | None = None
-    other_variance: Floats | None = None
     total_variance: dict[str, float] | None = None
+
+    @property
+    def detector(self) -> Detector:
+        """Of the map, with its cells joined if they are."""
+        return self.lit.detector
+
+    @property
+    def channel_set(self) -> ChannelSet:
+        """Of the map."""
+        return self.lit.channel_set
+
+    @property
+    def flux_unit(self) -> str:
+        """Of the map: W or lm."""
+        return self.lit.flux_unit
+
+    @property
+    def length_unit(self) -> str:
+        """Of the map."""
+        return self.lit.length_unit
+
+    @property
+    def channels(self) -> Floats:
+        """(cells_v, cells_u, n_channels) flux per cell and channel [flux unit]."""
+        return self.lit.spread(self.lit.channels)
+
+    @property
+    def variance(self) -> Floats:
+        """(cells_v, cells_u) squared standard error of the flux of a cell [flux unit²]."""
+        return self.lit.spread(self.lit.variance)
+
+    @property
+    def rays(self) -> NDArray[np.int64]:
+        """(cells_v, cells_u) registrations."""
+        return self.lit.spread(self.lit.rays)
+
+    @property
+    def registrations(self) -> int:
+        """Of all cells."""
+        return int(self.lit.rays.sum())
 
     @property
     def flux(self) -> Floats:
         """(cells_v, cells_u) flux per cell [flux unit]."""
-        flux: Floats = self.channels.sum(axis=2)
-        return flux
+        return self.lit.spread(self.lit.flux)
 
     @property
     def flux_se(self) -> Floats:
@@ -79,18 +95,22 @@ class DetectorImage:
     @property
     def total(self) -> float:
         """Flux registered [flux unit]."""
-        return float(self.channels.sum())
+        return float(self.lit.channels.sum())
 
     @property
     def total_se(self) -> float:
         """Standard error of the flux registered [flux unit]."""
         return self.total_se_in(self.flux_unit)
 
+    def total_in(self, unit: str) -> float:
+        """Flux registered in "W" or "lm", whatever the unit of the map."""
+        return float(self.lit.flux_in(unit).sum())
+
     def total_se_in(self, unit: str) -> float:
         """Standard error of all flux in "W" or "lm", whatever the unit of the map."""
         if self.total_variance is not None:
             return math.sqrt(self.total_variance[unit])
-        return float(np.sqrt((self.flux_se_in(unit) ** 2).sum()))
+        return float(np.sqrt((self.lit.flux_se_in(unit) ** 2).sum()))
 
     @property
     def grain(self) -> float | None:
@@ -98,7 +118,7 @@ class DetectorImage:
 
         What a picture shows as speckle.
         """
-        return _grain(self.flux, self.variance)
+        return _grain(self.lit.flux, self.lit.variance)
 
     def calmer(self, grain: float = 0.1) -> tuple[int, float] | None:
         """Side of the blocks of cells that bring `grain` to this, and what they bring it to.
@@ -109,23 +129,22 @@ class DetectorImage:
         blocks = fitting_blocks(self.detector)
         if self.grain is None or self.grain <= grain or not blocks:
             return None
-        flux = self.flux
-        rows, columns = np.nonzero((flux != 0.0) | (self.variance != 0.0))
-        light, squares = flux[rows, columns], self.variance[rows, columns]
+        lit = self.lit
+        rows, columns = lit.row, lit.column
         reached = self.grain
         for side in blocks:
             width = self.detector.cells[0] // side
             _, block = np.unique(rows // side * width + columns // side, return_inverse=True)
-            joined = (np.bincount(block, values).astype(np.float64) for values in (light, squares))
+            joined = (sums_of(block, values, 0) for values in (lit.flux, lit.variance))
             reached = _grain(*joined) or 0.0
             if reached <= grain:
                 return side, reached
         return blocks[-1], reached
 
-    @cached_property
+    @property
     def measure(self) -> CellMeasure | None:
         """Area, solid angle or étendue of each cell; None where it is not known."""
-        return cell_measure(self.detector, self.length_unit)
+        return self.lit.measure
 
     @property
     def cell_area_m2(self) -> float | None:
@@ -134,7 +153,7 @@ class DetectorImage:
             return None
         return float(self.measure.values[0, 0])
 
-    @cached_property
+    @property
     def watts(self) -> Floats:
         """(cells_v, cells_u, n_channels) radiant flux per cell and channel [W].
 
@@ -145,47 +164,20 @@ class DetectorImage:
         RayMapError
             the channels of the map are not those of its picture
         """
-        if self.amounts is not None:
-            return self.amounts
-        efficacy = self._per_channel(channel_efficacy(self.channel_set))
-        if self.flux_unit == "W":
-            return self.channels
-        watts: Floats = np.divide(
-            self.channels, efficacy, out=np.zeros_like(self.channels), where=efficacy > 0.0
-        )
-        return watts
+        return self.lit.spread(self.lit.watts)
 
     def flux_in(self, unit: str) -> Floats:
         """(cells_v, cells_u) flux per cell in "W" or "lm", whatever the unit of the map."""
-        if unit == self.flux_unit:
-            return self.flux
-        if unit == "W":
-            return np.asarray(self.watts.sum(axis=2))
-        return np.asarray(self.watts @ self._per_channel(channel_efficacy(self.channel_set)))
+        return self.lit.spread(self.lit.flux_in(unit))
 
     def flux_se_in(self, unit: str) -> Floats:
         """(cells_v, cells_u) standard error of `flux_in`."""
-        if unit == self.flux_unit:
-            return self.flux_se
-        if self.other_variance is not None:
-            return np.sqrt(self.other_variance)
-        share = np.divide(
-            self.flux_se, self.flux, out=np.zeros_like(self.flux), where=self.flux > 0
-        )
-        return share * self.flux_in(unit)
+        return self.lit.spread(self.lit.flux_se_in(unit))
 
     @property
     def xyz(self) -> Floats:
         """(cells_v, cells_u, 3) tristimulus values per cell; Y is the luminous flux [lm]."""
-        return np.asarray(self.watts @ self._per_channel(channel_xyz(self.channel_set)))
-
-    def _per_channel(self, values: Floats) -> Floats:
-        if len(values) != self.channels.shape[2]:
-            raise RayMapError(
-                f"the picture of {self.detector.name!r} has {self.channels.shape[2]} channels, the "
-                f"map describes {len(values)}: they say neither lumens nor colours"
-            )
-        return values
+        return self.lit.spread(self.lit.xyz)
 
     def density(self, *, luminous: bool = False) -> Floats:
         """(cells_v, cells_u) flux per area, solid angle or étendue; 0 beside a face.
@@ -197,12 +189,13 @@ class DetectorImage:
         RayMapError
             the size of the detector's cells is not known
         """
-        return self._per_measure(self.flux_in("lm") if luminous else self.flux)
+        unit = "lm" if luminous else self.flux_unit
+        return self.lit.spread(self.lit.per_measure(self.lit.flux_in(unit)))
 
     @property
     def density_se(self) -> Floats:
         """(cells_v, cells_u) standard error of `density`."""
-        return self._per_measure(self.flux_se)
+        return self.lit.spread(self.lit.per_measure(np.sqrt(self.lit.variance)))
 
     @property
     def density_unit(self) -> str | None:
@@ -212,19 +205,7 @@ class DetectorImage:
     @property
     def density_name(self) -> str | None:
         """What `density` is called: irradiance, illuminance, intensity, radiance, luminance."""
-        if self.measure is None:
-            return None
-        return _NAMES[self.measure.quantity][self.flux_unit == "lm"]
-
-    def _per_measure(self, values: Floats) -> Floats:
-        if self.measure is None:
-            raise RayMapError(
-                f"detector {self.detector.name!r} is of kind {self.detector.kind} and the map does "
-                "not tell the size of its cells; use the flux per cell"
-            )
-        size = self.measure.values
-        result: Floats = np.divide(values, size, out=np.zeros_like(values), where=size > 0.0)
-        return result
+        return self.lit.density_name
 
     def quantity(self, name: str) -> tuple[Floats, Floats, str]:
         """Values, standard errors and unit of a quantity, refused where the cells have another.
@@ -237,19 +218,8 @@ class DetectorImage:
         ------
         RayMapError
         """
-        quantity, luminous = next(
-            (quantity, names.index(name)) for quantity, names in _NAMES.items() if name in names
-        )
-        if self.measure is not None and self.measure.quantity != quantity:
-            has = _NAMES[self.measure.quantity][luminous]
-            raise RayMapError(
-                f"detector {self.detector.name!r} is of kind {self.detector.kind}: it has no "
-                f"{name}; ask for its {has}"
-            )
-        unit = "lm" if luminous else "W"
-        values, errors = (self._per_measure(v) for v in (self.flux_in(unit), self.flux_se_in(unit)))
-        assert self.measure is not None
-        return values, errors, self.measure.density_unit(unit)
+        values, errors, unit = self.lit.quantity(name)
+        return self.lit.spread(values), self.lit.spread(errors), unit
 
     @property
     def irradiance(self) -> Floats:
@@ -295,9 +265,7 @@ class DetectorImage:
         green and blue of an RGB trace, and a common scale for spectra (`raymap.optics.photometry`).
         Parts are negative where light lies outside the gamut.
         """
-        if self.flux_unit == "lm":
-            return xyz_to_linear_srgb(self.xyz)
-        return np.asarray(self.watts @ self._per_channel(channel_rgb(self.channel_set)))
+        return self.lit.spread(self.lit.linear_rgb)
 
     def srgb(self, exposure: float | None = None, percentile: float = 99.9) -> NDArray[np.uint8]:
         """(cells_v, cells_u, 3) 8-bit sRGB; the brightest cells (``percentile``) become white.
@@ -305,12 +273,12 @@ class DetectorImage:
         Colours outside the gamut get white of their own luminance. ``exposure`` multiplies the
         linear picture instead.
         """
-        linear = into_gamut(self.linear_rgb)
+        linear = into_gamut(self.lit.linear_rgb)
         if exposure is None:
-            bright = linear.max(axis=2)
+            bright = linear.max(axis=1)
             lit = bright[bright > 0]
             exposure = 1.0 / float(np.percentile(lit, percentile)) if len(lit) else 1.0
-        return np.round(encode_srgb(linear * exposure) * 255).astype(np.uint8)
+        return self.lit.spread(np.round(encode_srgb(linear * exposure) * 255).astype(np.uint8))
 
     def _repr_html_(self) -> str:
         data = base64.b64encode(png_bytes(upright(self.srgb()))).decode()

@@ -9,9 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from query.answers.images.beams import Beam, beam_of
-from query.answers.images.local_fits import Joined, join_windows, largest, least, shares_of
+from query.answers.images.local_fits import (
+    Joined,
+    join_windows,
+    largest,
+    least,
+    rays_of,
+    shares_of,
+)
 from query.answers.images.pictures import DetectorImage
-from query.answers.images.plane_fits import plane_fits
+from query.answers.images.plane_fits import cell_fits, plane_fits
+from raymap.model.directory import Detector
 from raymap.model.doubt import FOOTNOTE, is_doubtful, with_doubts, with_error
 from raymap.model.errors import RayMapError
 
@@ -21,7 +29,7 @@ Floats = NDArray[np.float64]
 
 
 def readings(
-    image: DetectorImage, density: Floats, unit: str, beam: Beam | None = None
+    image: DetectorImage, quantity: str | None = None, beam: Beam | None = None
 ) -> dict[str, Any]:
     """Flux, peak, mean and evenness of a picture; of a far field the angles of its beam.
 
@@ -31,35 +39,40 @@ def readings(
 
     Parameters
     ----------
-    density : (cells_v, cells_u) flux per measure, in ``unit``
-    beam : of the same picture, if it is known already
+    quantity : irradiance, illuminance, intensity, candela, radiance or luminance; None: flux per
+        measure in the unit of the map, per cell where the size of cells is not known
+    beam : of the same picture and quantity, if it is known already
 
     Raises
     ------
     RayMapError
-        No cell has a size.
+        No cell has a size, or the cells have no such quantity.
     """
-    size = np.ones(density.shape) if image.measure is None else image.measure.values
-    if not size.any():
+    lit = image.lit
+    # Cells of unknown size are of one size
+    alike = np.broadcast_to(1.0, image.detector.cells[::-1])
+    size = alike if image.measure is None else image.measure.values
+    whole = float(size[0, 0]) * size.size if size.strides == (0, 0) else float(size.sum())
+    if not whole:
         raise RayMapError(f"no cell of detector {image.detector.name!r} has a size")
-    flux = density * size
-    scale = np.divide(flux, image.flux, out=np.zeros_like(flux), where=image.flux > 0.0)
-    variance = image.variance * scale**2
-    mean = flux.sum() / size.sum()
+    values, errors, unit = lit.quantity(quantity)
+    here = size[lit.row, lit.column]
+    flux, variance = values * here, (errors * here) ** 2
+    mean = flux.sum() / whole
     # The sum of the cells is surer than cells that are independent would make it
-    apart = math.sqrt(float(image.variance.sum()))
+    apart = math.sqrt(float(lit.variance.sum()))
     surer = image.total_se / apart if apart > 0.0 else 1.0
-    mean_se = surer * math.sqrt(variance.sum()) / size.sum()
+    mean_se = surer * math.sqrt(variance.sum()) / whole
     numbers: dict[str, Any] = {
         "detector": image.detector.name,
         "flux": image.total,
         "flux_se": image.total_se,
         "flux_unit": image.flux_unit,
-        "registrations": int(image.rays.sum()),
+        "registrations": image.registrations,
         "unit": unit,
     }
     if image.detector.kind == "far_field" and image.measure is not None:
-        beam = beam or beam_of(image, density)
+        beam = beam or beam_of(image, quantity)
         numbers |= _entry("peak", *beam.peak) | _entry("mean", mean, mean_se)
         numbers["planes"] = [
             with_doubts(
@@ -70,13 +83,7 @@ def readings(
             for plane in beam.planes
         ]
         return with_doubts(numbers)
-    squares = float(variance.sum())
-    rays = float(flux.sum()) ** 2 / squares if squares > 0.0 else 0.0
-    joins = image.detector.parameters.get("mapping") != "triangles"
-    bands = plane_fits(shares_of(flux, variance), variance, size, joins=joins)
-    joined = Joined.of([join_windows(fits, rays) for fits in bands])
-    if not (sized := size.ravel() > 0.0).all():
-        joined = joined.part(np.flatnonzero(sized))
+    joined = _joined((lit.row, lit.column), flux, variance, size, image.detector)
     peak, darkest = largest(joined), least(joined)
     numbers |= _entry("peak", *peak) | _entry("mean", mean, mean_se)
     for name, (below, below_se) in (
@@ -90,6 +97,23 @@ def readings(
         else:
             numbers |= {name: None, f"{name}_se": None}
     return with_doubts(numbers)
+
+
+def _joined(
+    cell: tuple[NDArray[np.int64], NDArray[np.int64]],
+    flux: Floats,
+    variance: Floats,
+    size: Floats,
+    detector: Detector,
+) -> Joined:
+    """Densities all over a plane, a face or a camera, from the cells that were met."""
+    squares = float(variance.sum())
+    rays = float(flux.sum()) ** 2 / squares if squares > 0.0 else 0.0
+    shares = shares_of(flux, variance)
+    if detector.parameters.get("mapping") == "triangles":
+        return join_windows(cell_fits(cell, shares, variance, size), rays)
+    bands = plane_fits(cell, shares, variance, rays_of(flux, variance), size)
+    return Joined.of([join_windows(fits, rays) for fits in bands])
 
 
 def _entry(name: str, value: float, se: float) -> dict[str, float]:

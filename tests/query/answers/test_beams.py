@@ -16,7 +16,7 @@ from query.answers.images.beams import beam_of
 from query.answers.images.image_files import write_image
 from query.answers.images.readings import reading_lines, readings
 from raymap import Detector
-from tests.far_fields import far_field
+from tests.far_fields import far_field, picture
 from tracer.light import read_light
 
 Array = NDArray[np.float64]
@@ -59,13 +59,10 @@ def flux_of(shape: Shape, last_deg: float, cells: tuple[int, int]) -> Array:
 
 def drawn(flux: Array, rays: int, seed: int, last_deg: float) -> DetectorImage:
     """The far field that so many rays of equal flux make, on average."""
-    image = far_field(lambda gamma, c: 0.0 * (gamma + c), flux.shape[::-1], last_deg)
+    detector = far_field(lambda gamma, c: 0.0 * (gamma + c), flux.shape[::-1], last_deg).detector
     ray = flux.sum() / rays
     counts = np.random.default_rng(seed).poisson(flux / ray)
-    image.channels[:, :, 1] = counts * ray
-    image.variance[:] = counts * ray**2
-    image.rays[:] = counts
-    return image
+    return picture(detector, counts * ray, counts * ray**2, counts, length_unit="mm")
 
 
 @pytest.mark.parametrize("rays", [200_000, 20_000])
@@ -77,7 +74,7 @@ def test_peak_and_angles_over_200_draws(name: str, rays: int) -> None:
     found = []
     for seed in range(200):
         image = drawn(flux, rays, seed, last)
-        beam = beam_of(image, image.candela)
+        beam = beam_of(image, "candela")
         plane = beam.planes[0]
         assert plane.beam_deg is not None
         assert plane.field_deg is not None
@@ -107,7 +104,7 @@ def test_light_that_leans_keeps_its_shape() -> None:
     assert image.measure is not None
     flux = gaussian(30.0)(np.arccos(np.clip(toward, -1.0, 1.0))) * image.measure.values
     image = drawn(flux, rays, 3, 180.0)
-    beam = beam_of(image, image.candela)
+    beam = beam_of(image, "candela")
     assert beam.peak[0] == pytest.approx(1.0, abs=2.0 * beam.peak[1])
     assert beam.peak[1] < 0.06
     across = next(plane for plane in beam.planes if plane.name == "C90–C270")
@@ -122,16 +119,9 @@ def test_the_peak_and_the_evenness_of_an_even_plane() -> None:
     cells, found = (40, 30), []
     for seed in range(100):
         counts = np.random.default_rng(seed).poisson(10.0, cells[::-1])
-        image = DetectorImage(
-            detector=Detector(name="wall", kind="plane", cells=cells, size=(40.0, 30.0)),
-            channel_set=far_field(lambda g, c: 0.0 * (g + c), (4, 4)).channel_set,
-            flux_unit="lm",
-            length_unit="m",
-            channels=np.repeat(counts[:, :, None] / 10.0, 3, axis=2) / 3.0,
-            variance=counts / 100.0,
-            rays=counts,
-        )
-        numbers = readings(image, image.density(), "lx")
+        wall = Detector(name="wall", kind="plane", cells=cells, size=(40.0, 30.0))
+        image = picture(wall, counts / 10.0, counts / 100.0, counts)
+        numbers = readings(image)
         found.append([(numbers[n], numbers[f"{n}_se"]) for n in ("peak", "min_over_mean")])
         assert counts.max() > 18
     values, errors = np.array(found)[:, :, 0], np.array(found)[:, :, 1]
@@ -150,16 +140,9 @@ def test_the_least_of_a_plane_whose_half_is_dark_is_not_surer_than_its_rays(dark
     true[:, 20:] = dark
     for seed in range(100):
         counts = np.random.default_rng(seed).poisson(true)
-        image = DetectorImage(
-            detector=Detector(name="wall", kind="plane", cells=cells, size=(40.0, 30.0)),
-            channel_set=far_field(lambda g, c: 0.0 * (g + c), (4, 4)).channel_set,
-            flux_unit="lm",
-            length_unit="m",
-            channels=np.repeat(counts[:, :, None] / 10.0, 3, axis=2) / 3.0,
-            variance=counts / 100.0,
-            rays=counts,
-        )
-        numbers = readings(image, image.density(), "lx")
+        wall = Detector(name="wall", kind="plane", cells=cells, size=(40.0, 30.0))
+        image = picture(wall, counts / 10.0, counts / 100.0, counts)
+        numbers = readings(image)
         value, error = numbers["min_over_mean"], numbers["min_over_mean_se"]
         within.append(abs(value - dark / true.mean()) <= 2.0 * error)
         errors.append(error)
@@ -172,14 +155,13 @@ def test_the_least_of_a_plane_whose_half_is_dark_is_not_surer_than_its_rays(dark
 def test_few_rays_are_marked_and_none_have_no_angle() -> None:
     flux = flux_of(gaussian(30.0), 90.0, (24, 45))
     few = drawn(flux, 12, 1, 90.0)
-    numbers = readings(few, few.candela, "cd")
+    numbers = readings(few, "candela")
     assert numbers["peak_se"] > 0.3 * numbers["peak"]
     lines = reading_lines(numbers)
     assert "?" in lines[1]
     assert lines[-1].startswith("? standard error above 30 %")
-    dark = drawn(0.0 * flux + 1e-30, 1, 1, 90.0)
-    dark.channels[:], dark.variance[:], dark.rays[:] = 0.0, 0.0, 0
-    numbers = readings(dark, dark.candela, "cd")
+    dark = picture(few.detector, 0.0 * flux, length_unit="mm")
+    numbers = readings(dark, "candela")
     assert numbers["peak"] == 0.0
     assert numbers["planes"][0]["beam_deg"] is None
 
@@ -203,7 +185,7 @@ def test_the_whole_way_through_a_map(tmp_path: Path) -> None:
     tracer.record(scene, tmp_path / "lamp.raymap", rays=200_000)
     with raymap.open(tmp_path / "lamp.raymap") as ray_map:
         image = detector_image(ray_map, "far")
-    numbers = readings(image, image.candela, "cd")
+    numbers = readings(image, "candela")
     assert numbers["peak"] == pytest.approx(1000.0, abs=2.0 * numbers["peak_se"])
     assert numbers["peak_se"] < 40.0
     for plane in numbers["planes"]:
@@ -236,12 +218,11 @@ def test_narrow_beams_in_fine_cells_are_not_charted_as_wide_ones(
         return 1000.0 * np.exp(-factor * np.arccos(np.clip(cos, -1.0, 1.0)) ** 2)
 
     image = far_field(intensity, (360, 900))
-    flux = image.channels[:, :, 1]
+    flux = image.flux
     ray = flux.sum() / 50_000
     counts = np.random.default_rng(4).poisson(flux / ray)
-    image.channels[:, :, 1], image.variance[:] = counts * ray, counts * ray**2
-    image.rays[:] = counts
-    beam = beam_of(image, image.density())
+    image = picture(image.detector, counts * ray, counts * ray**2, counts, length_unit="mm")
+    beam = beam_of(image)
     peak, se = beam.peak
     assert abs(peak - 1000.0) < 2.0 * se
     assert peak > 600.0

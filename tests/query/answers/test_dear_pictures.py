@@ -6,11 +6,15 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from pydantic import ValidationError
 
 import raymap
 from query import detector_image
+from query.answers.images.image_files import write_image
 from query.answers.images.narrow import narrow
+from query.answers.images.plane_blocks import MOST_BLOCKS, blocks_of_rays
 from query.answers.images.readings import readings
 from raymap.model.errors import RayMapError
 from raymap.model.limits import PICTURE_FLOOR
@@ -26,19 +30,83 @@ def _detector(**options):
 
 
 def test_a_picture_has_no_more_cells_than_its_map_pays_for(tmp_path):
-    side = 4096
+    side = 8192
     assert side * side > PICTURE_FLOOR
     detector = _detector(cells=(side, side))
     write_small(tmp_path / "a.raymap", directory=small_directory(detectors=(detector, _SKY)))
     with raymap.open(tmp_path / "a.raymap") as ray_map:
         tracemalloc.start()
-        with pytest.raises(RayMapError, match=r"4096 x 4096 cells are more than .*--bin") as found:
+        with pytest.raises(RayMapError, match=r"8192 x 8192 cells are more than .*--bin") as found:
             detector_image(ray_map, "sensor")
         assert tracemalloc.get_traced_memory()[1] < 10 * 2**20
         tracemalloc.stop()
         assert "\n" not in str(found.value)
         image = detector_image(ray_map, "sensor", bin=8)
-    assert image.flux.shape == (512, 512)
+    assert image.flux.shape == (1024, 1024)
+
+
+@pytest.mark.parametrize(
+    ("options", "most"),
+    [
+        ({}, 100),
+        ({"kind": "surface", "parameters": {"cell_area": 0.25}}, 100),
+        # A beam of single cells: fitted in as many as a far field ever is
+        ({"kind": "far_field", "parameters": {"gamma_deg": [0.0, 180.0]}}, 1000),
+    ],
+)
+def test_what_is_read_of_many_cells_costs_what_its_rays_cost(tmp_path, options, most):
+    """Of 4,000² cells one array takes 128 MB, and 13 windows of 5 shares of each cell 8 GB."""
+    detector = _detector(cells=(4000, 4000), **options)
+    write_small(tmp_path / "a.raymap", directory=small_directory(detectors=(detector, _SKY)))
+    with raymap.open(tmp_path / "a.raymap") as ray_map:
+        tracemalloc.start()
+        image = detector_image(ray_map, "sensor")
+        numbers = readings(image)
+        image.calmer()
+        # Four bytes a cell say where its sums stand
+        assert tracemalloc.get_traced_memory()[1] < most * 2**20
+        tracemalloc.stop()
+    assert numbers["flux"] == pytest.approx(image.channels.sum())
+    assert numbers["registrations"] == image.rays.sum() > 0
+
+
+def test_a_table_of_many_cells_is_written_row_by_row(tmp_path):
+    detector = _detector(cells=(1000, 1000))
+    write_small(tmp_path / "a.raymap", directory=small_directory(detectors=(detector, _SKY)))
+    with raymap.open(tmp_path / "a.raymap") as ray_map:
+        image = detector_image(ray_map, "sensor")
+    tracemalloc.start()
+    write_image(image, tmp_path / "a.csv")
+    # Every number of every cell as a text of its own would be half a gigabyte
+    assert tracemalloc.get_traced_memory()[1] < 20 * 2**20
+    tracemalloc.stop()
+    table = np.loadtxt(tmp_path / "a.csv", delimiter=",", skiprows=1)
+    assert np.array_equal(table[:, :2], np.argwhere(np.ones((1000, 1000)))[:, ::-1])
+    assert np.allclose(table[:, 4], image.flux.ravel(), rtol=1e-8)
+
+
+@settings(max_examples=60, deadline=None)
+@given(data=st.data())
+def test_each_cell_lies_in_one_block(data):
+    """Whatever the light; and no more blocks than allowed, however many rays there are."""
+    shape = data.draw(st.tuples(st.integers(1, 70), st.integers(1, 70)))
+    n = data.draw(st.integers(0, 200))
+    random = np.random.default_rng(data.draw(st.integers(0, 2**32)))
+    cell = np.unique(random.integers(0, shape[0] * shape[1], n))
+    rays = random.exponential(data.draw(st.sampled_from([0.5, 8.0, 100.0])), len(cell))
+    covered = np.zeros(shape, int)
+    for blocks in blocks_of_rays(cell // shape[1], cell % shape[1], rays, shape):
+        for row, column in zip(blocks.row * blocks.side, blocks.column * blocks.side, strict=True):
+            assert row < shape[0]
+            assert column < shape[1]
+            covered[row : row + blocks.side, column : column + blocks.side] += 1
+    assert (covered == 1).all()
+
+
+def test_there_are_at_most_so_many_blocks():
+    row, column = (place.ravel() for place in np.indices((1000, 1000)))
+    blocks = blocks_of_rays(row, column, np.full(10**6, 1e6), (1000, 1000))
+    assert MOST_BLOCKS / 8 < sum(len(part.row) for part in blocks) <= MOST_BLOCKS
 
 
 @pytest.mark.parametrize(
@@ -126,4 +194,4 @@ def test_cells_without_size_have_no_readings(tmp_path):
     with raymap.open(tmp_path / "a.raymap") as ray_map:
         image = detector_image(ray_map, "sensor")
         with pytest.raises(RayMapError, match="no cell of detector 'sensor' has a size"):
-            readings(image, image.density(), "W/m²")
+            readings(image)

@@ -6,6 +6,7 @@ import dataclasses
 import itertools
 import operator
 import struct
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -438,3 +439,30 @@ def _assert_refused_or_equal(folder, data, header, entry, stored, before):
             assert len(ray_map.directory.objects) == len(before.objects)
     except raymap.FormatError:
         pass
+
+
+def test_a_number_of_primitives_costs_nothing(tmp_path):
+    """A face of 2³¹ − 1 primitives without quadrics is four bytes: nothing is allocated."""
+    sphere = raymap.Quadric(coefficients=(1, 1, 1, 0, 0, 0, 0, 0, 0, -2500.0), solve_axis=2)
+    several = raymap.Face(name="rim", primitive_count=2, quadrics=(sphere, None))
+    whole = small_directory()
+
+    def cost(claimed: int, target) -> int:
+        claim = raymap.Face(name="claim", primitive_count=claimed)
+        more = (
+            raymap.SceneObject(name="two", faces=(several,)),
+            raymap.SceneObject(name="mesh", faces=(claim,)),
+        )
+        write_small(target, directory=small_directory(objects=(*whole.objects, *more)))
+        tracemalloc.start()
+        with raymap.open(target) as ray_map:
+            for portion in ray_map.portions:
+                for name in ("triangle", "position", "normal"):
+                    portion.column(name)
+            assert not verify(ray_map).damage
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return peak
+
+    honest = cost(9, tmp_path / "honest.raymap")
+    assert cost(2**31 - 1, tmp_path / "claims.raymap") < honest + 2**22

@@ -248,7 +248,7 @@ def test_the_panels_are_filled(session: Session) -> None:
     facts = dict(fields["detector_facts"])
     for criterion, words in ((GHOST, "selected"), (None, "in all")):
         image = query.detector_image(session.map, "sensor", criterion)
-        numbers = readings(image, image.irradiance, "W/m²")
+        numbers = readings(image, "irradiance")
         lines = reading_lines(numbers)
         assert f"{lines[1].removeprefix('peak ')} {words}" in facts["Peak"]
         mean = next(line for line in lines if line.startswith("mean "))

@@ -37,7 +37,7 @@ def test_a_curve_that_does_not_fall_has_no_angle() -> None:
 
 def test_planes_of_a_beam_that_is_wide_across_and_narrow_along() -> None:
     image = far_field(lambda g, c: np.cos(g) ** np.where(np.abs(np.cos(c)) > 0.7, 2, 30), (24, 180))
-    wide, narrow = beam_of(image, image.candela).planes
+    wide, narrow = beam_of(image, "candela").planes
     assert (wide.name, narrow.name) == ("C0–C180", "C90–C270")
     assert wide.beam_deg is not None
     assert narrow.beam_deg is not None
@@ -48,7 +48,7 @@ def test_planes_of_a_beam_that_is_wide_across_and_narrow_along() -> None:
 
 def test_the_mean_is_weighed_by_the_size_of_cells() -> None:
     image = far_field(lambda g, c: np.cos(g) + 0 * c, (1, 90))
-    numbers = readings(image, image.candela, "cd")
+    numbers = readings(image, "candela")
     # A Lambertian emitter of intensity 1 has the flux π in 2π sr
     assert numbers["mean"] == pytest.approx(0.5, rel=1e-3)
     assert numbers["flux"] == pytest.approx(np.pi, rel=1e-3)

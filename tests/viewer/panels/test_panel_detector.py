@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from viewer.panels.detector import bin_cells, calm_binning
+from query.answers.images.binning import bin_cells
+from viewer.panels.detector import calm_binning
 
 
 def _even(rays_per_cell: float, seed: int = 1) -> NDArray[np.float64]:
