@@ -1,8 +1,10 @@
 """Compiled code gets decoded paths and rays in checked form only: nothing else can make that form.
 
 The forms are `CheckedPaths` (every length and index of a dictionary checked against columns and
-directory), `PathDictionary` (the same with sums), `RayContext` (rays whose paths were compared
-with the portion's own), `PathColumns` (of these), `ColorCodes` and `CheckedMeetings`.
+directory), `PathDictionary` (the same with sums), `PathRuns` (rays, and the points of their paths),
+`ShapedRecords` (of these, what positions and normals are rebuilt from), `RayContext` (rays whose
+paths were compared with the portion's own), `PathColumns`, `Runs` and `RayRecords` (of these),
+`ColorCodes`, `CheckedMeetings` and `FoldedMeetings`.
 """
 
 from __future__ import annotations
@@ -27,6 +29,11 @@ _MADE_IN = {
     "PathColumns": {"query/engine/context.py": ["columns"]},
     "ColorCodes": {"raymap/encoding/colors.py": ["check"]},
     "CheckedMeetings": {"raymap/encoding/meetings.py": ["check"]},
+    "FoldedMeetings": {"raymap/encoding/meetings.py": ["check"]},
+    "PathRuns": {"raymap/encoding/itineraries.py": ["check"]},
+    "ShapedRecords": {"raymap/encoding/shapes.py": ["check"]},
+    "Runs": {"query/engine/scans.py": ["check"]},
+    "RayRecords": {"query/engine/measures.py": ["check"]},
     "MergedPaths": {"raymap/file/footer.py": ["read_merged"], "raymap/file/shards.py": ["merged"]},
 }
 

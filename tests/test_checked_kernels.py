@@ -13,9 +13,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from query.engine.measures import RayRecords, incidence_angles
+from query.engine.scans import Runs, look_up, match_sequence
 from raymap.encoding.colors import ColorCodes
-from raymap.encoding.meetings import CheckedMeetings, DetectorTable
+from raymap.encoding.itineraries import PathRuns
+from raymap.encoding.meetings import CheckedMeetings, DetectorTable, FoldedMeetings
+from raymap.encoding.normals import rebuild_normals, rebuild_some_normals
+from raymap.encoding.positions import rebuild_positions
+from raymap.encoding.shapes import ShapedRecords, compile_shapes, point_shapes
 from raymap.model.errors import FormatError
+from raymap.model.events import Event
+from tests.raymap.maps import small_directory
 
 _ROOT = Path(__file__).resolve().parents[1]
 _WITH_KERNELS = ("raymap", "query", "viewer")
@@ -24,15 +32,15 @@ _DECORATORS = {"kernel", "lean_kernel", "stage_kernel", "inner_kernel", "inline_
 _FORMS = {
     "ColorCodes": "codes and paths compared with the table and the sums before each pass",
     "CheckedMeetings": "detectors and cells compared with the directory before each pass",
-    "CheckedPaths": (
-        "lengths, indices and faces of paths, path numbers, records and meetings of rays are "
-        "checked by PortionStreams and PortionGeometry, whose methods alone decode"
-    ),
-    "PathColumns": "made by Context.columns from checked dictionaries or compared rays",
-    "Context": "columns of a PathContext (checked dictionary) or RayContext (compared rays)",
+    "FoldedMeetings": "counts, detectors, positions and residuals compared before they unfold",
+    "PathRuns": "numbers and lengths of paths compared with the rows of all rays",
+    "ShapedRecords": "shapes and primitives compared with the scene; further columns when called",
+    "PathColumns": "of checked dictionaries or compared rays, lengths compared by Context.columns",
+    "Runs": "offsets go up from 0, and marks are as many as their last says",
+    "RayRecords": "beginnings and lengths of rays compared with the records of the portion",
     "Law": "tables that a law made of numbers which its model has validated, and its own rows",
     "Portion": "the writer: raymap.file.checks has compared every column before it is encoded",
-    "itself": "the loop compares each index with its array before it uses it",
+    "itself": "it, or the one function that may call it, compares each index with its array first",
     "called": "called by kernels alone, which stand in this table",
 }
 
@@ -66,39 +74,30 @@ _KERNELS = {
     # Meetings and cells
     "cellsums._count": ("CheckedMeetings", {"cellsums.add"}),
     "meetings._cells_fit": ("CheckedMeetings", {"meetings.check"}),
-    "meetings._crossing": ("called", {"meetings.decode_meetings"}),
-    "meetings.decode_meetings": ("CheckedPaths", {"portiongeometry._crossings"}),
+    "meetings._crossing": ("called", {"meetings._decode_meetings"}),
+    "meetings._decode_meetings": ("FoldedMeetings", {"meetings.unfold"}),
     # Rays and their paths
     "itineraries.assign_faces": ("itself", {"arrow.faces_of"}),
-    "itineraries.expand_points": (
-        "CheckedPaths",
-        {"portionstreams._expand", "portionstreams._meetings"},
-    ),
-    "itineraries.face_triangles": ("CheckedPaths", {"portiongeometry._column_triangle"}),
-    "shapes.shape_codes": (
-        "CheckedPaths",
-        {"portiongeometry._shape_codes", "geometrystreams._shape_codes"},
-    ),
-    "positions.resolve_codes": (
-        "CheckedPaths",
-        {"portiongeometry._shape_codes", "geometrystreams._shape_codes"},
-    ),
-    "positions.join_coordinates": ("CheckedPaths", {"portiongeometry._positions"}),
-    "positions.solve_positions": ("CheckedPaths", {"portiongeometry._positions"}),
-    "normals.decode_normals": ("CheckedPaths", {"portiongeometry._normals"}),
-    "normals.normals_of_records": ("CheckedPaths", {"portiongeometry.normals_at"}),
+    "itineraries._expand_points": ("PathRuns", {"itineraries.expand"}),
+    "itineraries.face_triangles": ("itself", {"portiongeometry._column_triangle"}),
+    "shapes._shape_codes": ("itself", {"shapes.point_shapes"}),
+    "shapes._resolve_codes": ("ShapedRecords", {"shapes.check"}),
+    "positions._join_coordinates": ("ShapedRecords", {"positions.rebuild_positions"}),
+    "positions._solve_positions": ("ShapedRecords", {"positions.rebuild_positions"}),
+    "normals._decode_normals": ("ShapedRecords", {"normals.rebuild_normals"}),
+    "normals._normals_of_records": ("itself", {"normals.rebuild_some_normals"}),
     "normals._gradient": (
         "called",
         {
-            "normals.decode_normals",
+            "normals._decode_normals",
             "normals.imply_normals",
             "normals.normal_residuals",
-            "normals.normals_of_records",
+            "normals._normals_of_records",
         },
     ),
     "normals._from_before": (
         "called",
-        {"normals.decode_normals", "normals.normal_residuals", "normals.other_residuals"},
+        {"normals._decode_normals", "normals.normal_residuals", "normals.other_residuals"},
     ),
     # The writer
     "normals.imply_normals": ("Portion", {"geometrystreams.with_normals"}),
@@ -118,37 +117,15 @@ _KERNELS = {
     "path_matching._fits": ("called", {"path_matching.match_path"}),
     "path_matching._register_each": ("called", {"path_matching.match_path"}),
     "path_matching._register_any": ("called", {"path_matching.match_path"}),
-    "measures.path_lengths": ("Context", {"length.values"}),
-    "measures.optical_lengths": ("Context", {"optical_length.values"}),
-    "measures.incidence_angles": ("Context", {"incidence.on_rays"}),
-    "scans.look_up": (
-        "Context",
-        {
-            "detected.on_meetings",
-            "hit._places",
-            "medium.on_rays",
-            "search.spread",
-            "source.on_rays",
-        },
-    ),
-    "scans.any_of_ray": (
-        "Context",
-        {"bound.on_rays", "bound.some_point", "incidence.on_rays", "recorded.on_rays"},
-    ),
-    "scans.any_before_last": ("Context", {"medium.on_rays"}),
-    "scans.count_of_ray": ("Context", {"count.on_rays", "ghosts._reflecting"}),
-    "scans.ray_offsets": ("Context", {"context.offsets", "incidence._surface_points"}),
-    "scans.expand_rows": (
-        "Context",
-        {
-            "context._base_meetings",
-            "context.descriptor_rows",
-            "context.records",
-            "context.rows",
-            "incidence._surface_points",
-        },
-    ),
-    "scans.match_sequence": ("Context", {"logic.run"}),
+    "measures._path_lengths": ("RayRecords", {"measures.lengths"}),
+    "measures._optical_lengths": ("RayRecords", {"measures.optical_lengths"}),
+    "measures._incidence_angles": ("itself", {"measures.incidence_angles"}),
+    "scans._look_up": ("itself", {"scans.look_up"}),
+    "scans._any_of_run": ("Runs", {"scans.any", "scans.any_before_last"}),
+    "scans._count_of_run": ("Runs", {"scans.count"}),
+    "scans._offsets_of_runs": ("Runs", {"scans.take"}),
+    "scans._rows_of_runs": ("Runs", {"scans.rows"}),
+    "scans._match_sequence": ("Runs", {"scans.match_sequence"}),
     # Pictures: rows of triangles come from a sort, coordinates are cut at the picture's edges
     "fill._fill_band": ("itself", {"fill.fill_triangles"}),
     "raster._draw_band": ("itself", {"raster.draw_segments"}),
@@ -295,3 +272,176 @@ def test_meetings_that_their_detectors_do_not_have(detector, cell):
     CheckedMeetings.check(np.zeros(1, np.int16), np.array([[3, 2]], np.uint16), table)
     with pytest.raises(FormatError):
         CheckedMeetings.check(np.array(detector, np.int16), np.array(cell, np.uint16), table)
+
+
+MARKS = np.ones(5, np.bool_)
+
+
+def test_runs_of_rows():
+    runs = Runs.check(np.array([0, 2, 2, 5]))
+    assert (len(runs), runs.n_rows) == (3, 5)
+    assert runs.count(MARKS).tolist() == [2, 0, 3]
+    assert runs.any(MARKS).tolist() == [True, False, True]
+    assert runs.take(np.array([2, 0])).offsets.tolist() == [0, 3, 5]
+    assert runs.rows(np.array([7, 0, 1])).tolist() == [7, 8, 1, 2, 3]
+
+
+@pytest.mark.parametrize("offsets", [[], [1, 2], [0, 3, 2], [-1, 0], [0, -1, 5]])
+def test_runs_that_do_not_follow_one_another(offsets):
+    with pytest.raises(FormatError, match="follow"):
+        Runs.check(np.array(offsets, np.int64))
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda runs: runs.any(MARKS[:4]),
+        lambda runs: runs.any_before_last(np.ones(6, np.bool_)),
+        lambda runs: runs.count(MARKS[:0]),
+        lambda runs: runs.take(np.array([0, 3])),
+        lambda runs: runs.take(np.array([-1])),
+        lambda runs: runs.rows(np.zeros(2, np.int64)),
+        lambda runs: match_sequence(runs, None, [(False, MARKS[:3])]),
+        lambda runs: match_sequence(runs, runs, [(False, MARKS)]),
+        lambda runs: match_sequence(runs, Runs.check(np.arange(6)), [(True, MARKS[:2])]),
+        lambda runs: look_up(MARKS, np.array([0, 5])),
+    ],
+)
+def test_scans_of_rows_that_there_are_not(call):
+    with pytest.raises(FormatError):
+        call(Runs.check(np.array([0, 2, 2, 5])))
+
+
+PLACES = np.zeros((6, 3), np.float32)
+
+
+@pytest.mark.parametrize(
+    ("position", "starts", "left"),
+    [
+        (PLACES, [0, 4], [False, False]),
+        (PLACES, [-1, 2], [False, False]),
+        (PLACES[:4], [0, 2], [False, False]),
+        (PLACES, [0], [False]),
+        (PLACES, [0, 2], [True]),
+        (PLACES[:, :2], [0, 2], [False, False]),
+    ],
+)
+def test_rays_whose_records_there_are_not(position, starts, left):
+    points = Runs.check(np.array([0, 2, 5]))
+    sound = RayRecords.check(PLACES, np.array([0, 2]), points, np.zeros(2, np.bool_))
+    assert sound.lengths().tolist() == [0.0, 0.0]
+    with pytest.raises(FormatError):
+        RayRecords.check(position, np.array(starts), points, np.array(left))
+    one, two = np.zeros(2, np.int32), np.array([0, 3], np.int32)
+    channels, index = np.ones((3, 1), np.bool_), np.ones((1, 1))
+    assert sound.optical_lengths(np.zeros(5, np.int16), one, channels, index).tolist() == [0, 0]
+    for medium, color, n in ((np.zeros(5), two, 1), (np.zeros(4), one, 1), (np.zeros(5), one, 2)):
+        with pytest.raises(FormatError):
+            sound.optical_lengths(medium.astype(np.int16), color, channels, np.ones((1, n)))
+
+
+@pytest.mark.parametrize("records", [[0], [6], [-1], [1, 2]])
+def test_angles_at_records_that_there_are_not(records):
+    with pytest.raises(FormatError):
+        incidence_angles(PLACES, np.zeros((1, 3), np.int16), np.array(records))
+
+
+@pytest.mark.parametrize(
+    ("offsets", "numbers", "total"),
+    [([0, 2, 3], [0, 2], 5), ([0, 2, 3], [0, 1], 4), ([1, 2], [0], 1), ([0, 2, 1], [0, 1], 1)],
+)
+def test_rays_of_paths_that_there_are_not(offsets, numbers, total):
+    with pytest.raises(FormatError):
+        PathRuns.check(np.array(offsets), np.array(numbers, np.uint32), total, "records")
+
+
+NONE = np.empty(0, np.int32)
+
+
+def _shaped(triangles=NONE):
+    """Two rays of one path: emission, a face of two triangles, a sphere, and out."""
+    shapes = compile_shapes(small_directory())
+    several = int(np.flatnonzero(shapes.primitive_count > 1)[0])
+    sphere = int(np.flatnonzero(shapes.face_code >= 0)[0])
+    objects = np.array([-1, 0, 0, -1], np.int16)
+    faces = np.array([-1, several, sphere, -1], np.int32)
+    events = np.array([1, 0, 0, int(Event.LEFT_SCENE)], np.int32)
+    codes = point_shapes(np.array([0, 4]), objects, faces, events, shapes)
+    runs = PathRuns.check(np.array([0, 4]), np.zeros(2, np.uint32), 8, "records")
+    assert runs.expand(faces).tolist() == 2 * faces.tolist()
+    return ShapedRecords.check(runs, codes, triangles, shapes), codes, several
+
+
+def test_shapes_and_primitives_that_there_are_not():
+    records, codes, several = _shaped()
+    shapes, runs = records.shapes, records.runs
+    first, n = int(shapes.first_primitive[several]), int(shapes.primitive_count[several])
+    whole = np.full(8, first, np.int32)
+    assert len(_shaped(whole)[0]) == 8
+    for wrong in (whole - 1, whole + n, whole[:7]):
+        with pytest.raises(FormatError):
+            _shaped(wrong)
+    for code in (len(shapes.axis), -10 - len(shapes.face_code)):
+        with pytest.raises(FormatError):
+            ShapedRecords.check(runs, np.full_like(codes, code), whole, shapes)
+    with pytest.raises(FormatError):
+        ShapedRecords.check(runs, codes[:3], whole, shapes)
+    with pytest.raises(FormatError):
+        runs.expand(np.zeros(3))
+    face = np.array([len(shapes.face_code)], np.int32)
+    for faces in (face, face[:0]):
+        with pytest.raises(FormatError):
+            point_shapes(np.array([0, 1]), np.zeros(1, np.int16), faces, face, shapes)
+
+
+def test_normals_and_positions_of_other_records():
+    records, _, several = _shaped(np.full(8, 1, np.int32))
+    sources, places = np.zeros(2, np.int16), np.zeros((8, 3), np.float32)
+    folded = (np.zeros(8, np.uint16),) * 3
+    assert rebuild_normals(records, sources, 1, places, folded).shape == (8, 3)
+    for wrong in (
+        (records, sources + 1, 1, places, folded),
+        (records, sources[:1], 1, places, folded),
+        (records, sources, 1, places[:7], folded),
+        (records, sources, 1, places, (folded[0], folded[0], folded[0][:7])),
+        (_shaped()[0], sources, 1, places, folded),
+    ):
+        with pytest.raises(FormatError):
+            rebuild_normals(*wrong)
+    shapes = records.shapes
+    sphere = np.flatnonzero(shapes.face_code >= 0)[:1]
+    at = np.array([3])
+    assert rebuild_some_normals(shapes, at, sphere, places, folded).shape == (1, 3)
+    for wrong_at, face in (
+        (at + 5, sphere),
+        (at - 4, sphere),
+        (at, sphere + len(shapes.face_code)),
+        (at, np.array([several])),
+        (np.array([1, 2]), sphere),
+    ):
+        with pytest.raises(FormatError):
+            rebuild_some_normals(shapes, wrong_at, face, places, folded)
+
+    def read(name, rows, dtype):
+        return np.zeros(8 if rows is None else max(0, rows - missing), dtype)
+
+    for missing in (0, 1):
+        with pytest.raises(FormatError, match="fit the paths"):
+            rebuild_positions(records, read, solve_faces=True, solve_sphere=not missing)
+
+
+@pytest.mark.parametrize(
+    ("counts", "detector", "records", "residuals"),
+    [([1, 1], [0, 1], 2, 2), ([1, 1], [0, -1], 2, 2), ([1, 2], [0, 0], 2, 2),
+     ([1, 1], [0, 0], 3, 2), ([1, 1], [0, 0], 2, 1)],
+)  # fmt: skip
+def test_folded_meetings_that_there_are_not(counts, detector, records, residuals):
+    table = DetectorTable(np.ones((1, 11)), np.ones(1, np.uint8), np.array([[4, 3]]))
+    with pytest.raises(FormatError):
+        FoldedMeetings.check(
+            np.array(counts, np.uint16),
+            np.array(detector, np.int16),
+            np.zeros((records, 3), np.float32),
+            np.zeros((5, residuals), np.uint16),
+            table,
+        )

@@ -8,7 +8,6 @@ from query.engine.bind import Binder
 from query.engine.bound import BoundNode, at_points, compare
 from query.engine.context import Context
 from query.engine.kleene import Pair, exactly, interval
-from query.engine.scans import count_of_ray
 from query.engine.whole_numbers import BoundWhole
 from query.expression.arguments import Point
 from query.expression.atom import Comparison, Quantity
@@ -47,10 +46,10 @@ class BoundCount(BoundWhole):
 
     def on_rays(self, context: Context) -> Pair:
         pair = at_points(context, self.point)
-        least = count_of_ray(pair.certain, context.offsets)
+        least = context.points.count(pair.certain)
         if pair.exact:
             return exactly(compare(self.operator, least, self.value))
-        most = count_of_ray(pair.possible, context.offsets)
+        most = context.points.count(pair.possible)
         return interval(self.operator, least, most, self.value)
 
 

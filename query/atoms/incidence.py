@@ -12,7 +12,7 @@ from query.engine.bound import BoundCompare, BoundNode, at_points, compare
 from query.engine.context import Context, RayContext
 from query.engine.kleene import Pair, apply, exactly
 from query.engine.measures import incidence_angles
-from query.engine.scans import any_of_ray, expand_rows, ray_offsets
+from query.engine.scans import Runs
 from query.expression.arguments import Point
 from query.expression.atom import Comparison, Quantity
 from query.expression.criterion import Criterion, check_point
@@ -61,7 +61,7 @@ class BoundIncidence(BoundCompare):
     def on_rays(self, context: Context) -> Pair:
         if not isinstance(context, RayContext):
             points = at_points(context, self.point)
-            met = apply(points, lambda mask: any_of_ray(mask, context.offsets))
+            met = apply(points, context.points.any)
             return Pair(np.zeros_like(met.possible), met.possible)
         ray, step, face = _surface_points(context, self.point)
         records = context.starts[ray] + step
@@ -87,9 +87,9 @@ def _surface_points(context: RayContext, node: BoundNode) -> tuple[Ints, Ints, I
     marked[base.offsets[:-1]] = False
     places = np.flatnonzero(marked)
     ends = np.searchsorted(places, base.offsets)
-    offsets = ray_offsets(ends, context.path)
-    rows = expand_rows(ends[:-1][context.path], offsets)
-    ray = np.repeat(np.arange(context.n_rays), np.diff(offsets))
+    runs = Runs.check(ends).take(context.path)
+    rows = runs.rows(ends[:-1][context.path])
+    ray = np.repeat(np.arange(context.n_rays), np.diff(runs.offsets))
     place = places[rows]
     return ray, place - base.offsets[:-1][context.path[ray]], base.face[place]
 

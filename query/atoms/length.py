@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from query.engine.bind import Binder
 from query.engine.bound import BoundNode, BoundValue
 from query.engine.context import RayContext
-from query.engine.measures import path_lengths
 from query.expression.atom import Comparison, Quantity
 
 __all__ = ["KINDS", "Length", "length"]
@@ -36,7 +35,7 @@ class BoundLength(BoundValue):
         return ("position",)
 
     def values(self, context: RayContext) -> NDArray[Any]:
-        return path_lengths(context.position, context.starts, context.lengths, context.left)
+        return context.recorded.lengths()
 
 
 length = Length()

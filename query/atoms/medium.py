@@ -8,7 +8,7 @@ from query.engine.bind import Binder
 from query.engine.bound import BoundNode
 from query.engine.context import Context
 from query.engine.kleene import Bools, Pair, exactly
-from query.engine.scans import any_before_last, look_up
+from query.engine.scans import look_up
 from query.expression.arguments import Names
 from query.expression.atom import Condition
 from query.expression.words import canonical_names
@@ -44,7 +44,7 @@ class BoundMedium(BoundNode):
 
     def on_rays(self, context: Context) -> Pair:
         # No segment starts at the last point
-        return exactly(any_before_last(look_up(self.table, context.medium), context.offsets))
+        return exactly(context.points.any_before_last(look_up(self.table, context.medium)))
 
 
 def medium(*names: str) -> Medium:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from query.engine.bind import Binder
 from query.engine.bound import BoundNode, BoundValue
 from query.engine.context import RayContext
-from query.engine.measures import optical_lengths
 from query.expression.atom import Comparison, Quantity
 
 __all__ = ["KINDS", "OpticalLength", "optical_length"]
@@ -39,13 +38,8 @@ class BoundOpticalLength(BoundValue):
     def values(self, context: RayContext) -> NDArray[Any]:
         channel_set = context.channel_set
         shape = (-1, channel_set.n_channels)
-        return optical_lengths(
-            context.position,
-            context.starts,
-            context.lengths,
-            context.left,
+        return context.recorded.optical_lengths(
             context.medium,
-            context.offsets,
             context.last_color,
             context.channels,
             np.array(channel_set.refractive_index, np.float64).reshape(shape),

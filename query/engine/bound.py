@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from query.engine.context import Context, RayContext
 from query.engine.kleene import Bools, Pair, apply, exactly, gather
-from query.engine.scans import any_of_ray
 from query.engine.surface_parameters import COMPARISONS
 
 __all__ = [
@@ -92,8 +91,7 @@ class BoundMeeting(BoundNode):
         raise NotImplementedError
 
     def on_rays(self, context: Context) -> Pair:
-        offsets = context.ray_meeting_offsets
-        return apply(self.on_meetings(context), lambda mask: any_of_ray(mask, offsets))
+        return apply(self.on_meetings(context), context.meetings.any)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -146,7 +144,7 @@ def at_points(context: Context, node: BoundNode) -> Pair:
 
 def some_point(context: Context, node: BoundNode) -> Pair:
     """A point condition asked of a ray: at some point."""
-    return apply(at_points(context, node), lambda mask: any_of_ray(mask, context.offsets))
+    return apply(at_points(context, node), context.points.any)
 
 
 def unknown(context: Context) -> Pair:

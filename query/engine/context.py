@@ -16,9 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from query.engine.kleene import Bools, Pair
-from query.engine.scans import expand_rows, ray_offsets
+from query.engine.measures import RayRecords
+from query.engine.scans import Runs
 from raymap.encoding.paths import PathDictionary
 from raymap.model.directory import ChannelSet
+from raymap.model.errors import FormatError
 from raymap.model.events import Event
 from raymap.model.portion import Descriptors
 from raymap.model.rows import offsets_of
@@ -129,17 +131,53 @@ class Context(ABC):
     def columns(
         self, *, face: bool = True, event: bool = True, meetings: bool = True
     ) -> PathColumns:
-        """The path's own columns, without those that are not wanted."""
-        return PathColumns(
+        """The path's own columns, without those that are not wanted.
+
+        Raises
+        ------
+        FormatError
+            Columns are not as long as the rays.
+        """
+        n, found = self.n_points, self.meetings_of_points if meetings else None
+        columns = PathColumns(
             source=self.source,
-            offsets=self.offsets,
+            offsets=self.points.offsets,
             object=self.object,
             face=self.face if face else np.empty(0, np.int32),
             event=self.event if event else np.empty(0, np.int32),
-            meeting_offsets=self.meeting_offsets if meetings else np.empty(0, np.int64),
-            detector=self.detector if meetings else np.empty(0, np.int16),
-            registered=self.registered if meetings else np.empty(0, np.bool_),
+            meeting_offsets=np.empty(0, np.int64) if found is None else found.offsets,
+            detector=np.empty(0, np.int16) if found is None else self.detector,
+            registered=np.empty(0, np.bool_) if found is None else self.registered,
         )
+        lengths: list[tuple[NDArray[Any], int]] = [
+            (columns.source, self.n_rays),
+            (columns.object, n),
+            (columns.face, n * face),
+            (columns.event, n * event),
+        ]
+        if found is not None:
+            lengths += [(columns.detector, found.n_rows), (columns.registered, found.n_rows)]
+            lengths.append((columns.meeting_offsets, n + 1))
+        if any(len(column) != wanted for column, wanted in lengths):
+            raise FormatError("columns of paths are not as long as the paths")
+        return columns
+
+    # The same in the form that compiled loops take
+
+    @cached_property
+    def points(self) -> Runs:
+        """Points of each ray."""
+        return Runs.check(self.offsets)
+
+    @cached_property
+    def meetings(self) -> Runs:
+        """Meetings of each ray."""
+        return Runs.check(self.ray_meeting_offsets)
+
+    @cached_property
+    def meetings_of_points(self) -> Runs:
+        """Meetings of the segment that starts at each point."""
+        return Runs.check(self.meeting_offsets)
 
     @property
     def n_points(self) -> int:
@@ -257,12 +295,16 @@ class RayContext(Context):
 
     @cached_property
     def offsets(self) -> Ints:
-        return ray_offsets(self.base.offsets, self.path)
+        return self.points.offsets
+
+    @cached_property
+    def points(self) -> Runs:
+        return self.base.points.take(self.path)
 
     @cached_property
     def rows(self) -> Ints:
         """(n_points,) rows of the base that the points of the rays are."""
-        return expand_rows(self.base.offsets[:-1][self.path], self.offsets)
+        return self.points.rows(self.base.offsets[:-1][self.path])
 
     @cached_property
     def starts(self) -> Ints:
@@ -278,7 +320,7 @@ class RayContext(Context):
     @cached_property
     def records(self) -> Ints:
         """(n_points,) records of the portion that the points are."""
-        return expand_rows(self.starts, self.offsets)
+        return self.points.rows(self.starts)
 
     @cached_property
     def lengths(self) -> Ints:
@@ -319,7 +361,7 @@ class RayContext(Context):
     @cached_property
     def _base_meetings(self) -> Ints:
         starts = self.base.ray_meeting_offsets[:-1][self.path]
-        return expand_rows(starts, self.ray_meeting_offsets)
+        return self.meetings.rows(starts)
 
     @cached_property
     def detector(self) -> Ints:
@@ -335,7 +377,7 @@ class RayContext(Context):
         if self.rays is None:
             return None
         begins = offsets_of(self.base.meetings_of_path[self.all_paths])[:-1]
-        return expand_rows(begins[self.rays], self.ray_meeting_offsets)
+        return self.meetings.rows(begins[self.rays])
 
     @cached_property
     def triangle(self) -> Ints:
@@ -354,6 +396,11 @@ class RayContext(Context):
         """(records of the portion, 3), to be used with `starts`."""
         self.check()
         return self.portion.column("position")
+
+    @cached_property
+    def recorded(self) -> RayRecords:
+        """The rays' records and their positions, in the form that compiled loops take."""
+        return RayRecords.check(self.position, self.starts, self.points, self.left)
 
     def normals_at(self, records: Ints, faces: Ints) -> NDArray[np.int16]:
         """(n, 3) normals of records of the portion, whose faces are known."""

@@ -52,17 +52,16 @@ class BoundThen(BoundNode):
         return self.args
 
     def on_rays(self, context: Context) -> Pair:
-        is_detector = np.array([isinstance(arg, BoundMeeting) for arg in self.args])
+        is_detector = [isinstance(arg, BoundMeeting) for arg in self.args]
         pairs = [
             arg.on_meetings(context) if isinstance(arg, BoundMeeting) else at_points(context, arg)
             for arg in self.args
         ]
-        begins = np.concatenate(([0], np.cumsum([len(pair.certain) for pair in pairs])))[:-1]
-        meetings = context.meeting_offsets if is_detector.any() else np.empty(0, np.int64)
+        meetings = context.meetings_of_points if any(is_detector) else None
 
         def run(masks: list[Bools]) -> Bools:
             return match_sequence(
-                context.offsets, is_detector, np.concatenate(masks), begins, meetings
+                context.points, meetings, list(zip(is_detector, masks, strict=True))
             )
 
         certain = run([pair.certain for pair in pairs])

@@ -13,7 +13,6 @@ from query.engine.bind import Binder
 from query.engine.bound import BoundCompare, BoundNode, at_points, compare, unknown
 from query.engine.context import Context, RayContext
 from query.engine.kleene import Pair, exactly
-from query.engine.scans import any_of_ray
 from query.expression.arguments import Point
 from query.expression.atom import Comparison, Quantity
 from query.expression.criterion import Criterion, check_point
@@ -97,7 +96,7 @@ class BoundRecorded(BoundCompare):
         if not isinstance(context, RayContext):
             if points is None:
                 return unknown(context)
-            met = any_of_ray(points.possible, context.offsets)
+            met = context.points.any(points.possible)
             return Pair(np.zeros_like(met), met)
         if points is None:
             values = self.kind.values(context, None)
@@ -105,7 +104,7 @@ class BoundRecorded(BoundCompare):
         chosen = np.flatnonzero(points.certain)
         marks = np.zeros(context.n_points, np.bool_)
         marks[chosen] = compare(self.operator, self.kind.values(context, chosen), self.value)
-        return exactly(any_of_ray(marks, context.offsets))
+        return exactly(context.points.any(marks))
 
     def never(self, map: Any) -> str | None:
         if self.stored:

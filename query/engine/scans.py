@@ -1,41 +1,119 @@
 """Compiled scans over rays and their points: a handful of loops that serve every criterion.
 
-Rays are runs of points: points of ray r are rows ``offsets[r]:offsets[r + 1]``. Nothing is compiled
-per criterion; names come as tables over indices whose last entry answers for index -1.
+Rays are runs of points, points runs of meetings (`Runs`). Nothing is compiled per criterion; names
+come as tables over indices whose last entry answers for index -1.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from raymap.jit.kernels import kernel
+from raymap.model.errors import FormatError
 
-__all__ = [
-    "any_before_last",
-    "any_of_ray",
-    "count_of_ray",
-    "expand_rows",
-    "look_up",
-    "mark_events",
-    "match_sequence",
-    "number_rays",
-    "ray_offsets",
-]
+__all__ = ["Runs", "look_up", "mark_events", "match_sequence", "number_rays"]
 
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.integer]
 
 
-@kernel
+@dataclass(frozen=True, slots=True, eq=False)
+class Runs:
+    """Rows in runs, those of run r being ``offsets[r]:offsets[r + 1]``; `check` alone makes them.
+
+    Attributes
+    ----------
+    offsets : (n + 1,)
+    """
+
+    offsets: Ints
+
+    @staticmethod
+    def check(offsets: Ints) -> Runs:
+        """Runs that compiled loops may walk along.
+
+        Raises
+        ------
+        FormatError
+            The offsets do not go up from 0.
+        """
+        if not len(offsets) or offsets[0] != 0 or bool((offsets[1:] < offsets[:-1]).any()):
+            raise FormatError("runs do not follow one another")
+        return Runs(offsets)
+
+    def __len__(self) -> int:
+        return len(self.offsets) - 1
+
+    @property
+    def n_rows(self) -> int:
+        return int(self.offsets[-1])
+
+    def any(self, mask: Bools) -> Bools:
+        """(n,) whether a run has a marked row; ``mask`` : (n_rows,)."""
+        return _any_of_run(self._marks(mask), self.offsets, 0)
+
+    def any_before_last(self, mask: Bools) -> Bools:
+        """(n,) whether a run has a marked row before its last one."""
+        return _any_of_run(self._marks(mask), self.offsets, 1)
+
+    def count(self, mask: Bools) -> NDArray[np.int32]:
+        """(n,) how many marked rows a run has."""
+        return _count_of_run(self._marks(mask), self.offsets)
+
+    def take(self, numbers: Ints) -> Runs:
+        """The runs of these numbers, one after the other.
+
+        Raises
+        ------
+        FormatError
+            There is no run of such a number.
+        """
+        if len(numbers) and not 0 <= int(numbers.min()) <= int(numbers.max()) < len(self):
+            raise FormatError("a ray takes a path that there is not")
+        return Runs.check(_offsets_of_runs(self.offsets, numbers))
+
+    def rows(self, starts: Ints) -> NDArray[np.int64]:
+        """(n_rows,) rows elsewhere, where run r begins at ``starts[r]``."""
+        if len(starts) != len(self):
+            raise FormatError(f"{len(starts)} beginnings of {len(self)} runs")
+        return _rows_of_runs(starts, self.offsets)
+
+    def _marks(self, mask: Bools) -> Bools:
+        if len(mask) != self.n_rows:
+            raise FormatError(f"{len(mask)} marks of {self.n_rows} rows")
+        return mask
+
+
 def look_up(table: Bools, index: Ints) -> Bools:
-    """Table entry of each index; -1 is the last entry."""
+    """Table entry of each index; -1 is the last entry.
+
+    Raises
+    ------
+    FormatError
+        The table has no entry for an index.
+    """
     out = np.empty(len(index), np.bool_)
-    last = len(table) - 1
+    if not _look_up(table, index, out):
+        raise FormatError("an index is not in the table that is asked for it")
+    return out
+
+
+@kernel
+def _look_up(table: Bools, index: Ints, out: Bools) -> bool:
+    """False where an index is beyond the table."""
+    n = len(table)
+    if n == 0:
+        return len(index) == 0
     for i in range(len(index)):
         value = index[i]
-        out[i] = table[value] if value >= 0 else table[last]
-    return out
+        if value >= n:
+            return False
+        out[i] = table[value] if value >= 0 else table[n - 1]
+    return True
 
 
 @kernel
@@ -48,57 +126,41 @@ def mark_events(event: Ints, mask: int) -> Bools:
 
 
 @kernel
-def any_of_ray(mask: Bools, offsets: Ints) -> Bools:
-    """Whether a ray has a marked point."""
+def _any_of_run(mask: Bools, offsets: Ints, without: int) -> Bools:
+    """Whether a run has a marked row, so many at its end aside."""
     n = len(offsets) - 1
     out = np.zeros(n, np.bool_)
-    for ray in range(n):
-        for row in range(offsets[ray], offsets[ray + 1]):
+    for run in range(n):
+        for row in range(offsets[run], offsets[run + 1] - without):
             if mask[row]:
-                out[ray] = True
+                out[run] = True
                 break
     return out
 
 
 @kernel
-def any_before_last(mask: Bools, offsets: Ints) -> Bools:
-    """Whether a ray has a marked point before its last one."""
-    n = len(offsets) - 1
-    out = np.zeros(n, np.bool_)
-    for ray in range(n):
-        for row in range(offsets[ray], offsets[ray + 1] - 1):
-            if mask[row]:
-                out[ray] = True
-                break
-    return out
-
-
-@kernel
-def count_of_ray(mask: Bools, offsets: Ints) -> NDArray[np.int32]:
-    """How many marked points a ray has."""
+def _count_of_run(mask: Bools, offsets: Ints) -> NDArray[np.int32]:
     n = len(offsets) - 1
     out = np.zeros(n, np.int32)
-    for ray in range(n):
+    for run in range(n):
         found = 0
-        for row in range(offsets[ray], offsets[ray + 1]):
+        for row in range(offsets[run], offsets[run + 1]):
             found += mask[row]
-        out[ray] = found
+        out[run] = found
     return out
 
 
 @kernel
-def ray_offsets(offsets: Ints, paths: Ints) -> NDArray[np.int64]:
-    """Offsets of rays that take these paths, one ray after the other."""
-    out = np.zeros(len(paths) + 1, np.int64)
-    for ray in range(len(paths)):
-        path = paths[ray]
-        out[ray + 1] = out[ray] + offsets[path + 1] - offsets[path]
+def _offsets_of_runs(offsets: Ints, numbers: Ints) -> NDArray[np.int64]:
+    out = np.zeros(len(numbers) + 1, np.int64)
+    for run in range(len(numbers)):
+        number = numbers[run]
+        out[run + 1] = out[run] + offsets[number + 1] - offsets[number]
     return out
 
 
 @kernel
-def expand_rows(starts: Ints, offsets: Ints) -> NDArray[np.int64]:
-    """Rows of runs that begin at ``starts`` and are as long as the offsets say."""
+def _rows_of_runs(starts: Ints, offsets: Ints) -> NDArray[np.int64]:
     out = np.empty(offsets[len(offsets) - 1], np.int64)
     for run in range(len(starts)):
         begin = offsets[run]
@@ -122,23 +184,56 @@ def number_rays(bits: NDArray[np.uint8], first: int, out: NDArray[np.int64]) -> 
                 place += 1
 
 
-@kernel
 def match_sequence(
+    points: Runs, meetings: Runs | None, operands: Sequence[tuple[bool, Bools]]
+) -> Bools:
+    """Whether the operands of ``->`` follow one another; the earliest match of each is enough.
+
+    Parameters
+    ----------
+    points : of the rays
+    meetings : on the segment that starts at each point; None where no operand stands on segments
+    operands : whether each stands on segments, and its marks of points or meetings
+
+    Returns
+    -------
+    matched : (n_rays,)
+
+    Raises
+    ------
+    FormatError
+        Marks are not as many as points or meetings.
+    """
+    if meetings is not None and len(meetings) != points.n_rows:
+        raise FormatError(f"meetings of {len(meetings)} points, not of {points.n_rows}")
+    for on_segments, mask in operands:
+        (meetings if on_segments and meetings is not None else points)._marks(mask)
+    masks = [mask for _, mask in operands]
+    begins = np.concatenate(([0], np.cumsum([len(mask) for mask in masks])))[:-1]
+    return _match_sequence(
+        points.offsets,
+        np.array([on_segments for on_segments, _ in operands]),
+        np.concatenate(masks),
+        begins,
+        np.empty(0, np.int64) if meetings is None else meetings.offsets,
+    )
+
+
+@kernel
+def _match_sequence(
     offsets: Ints,
     is_detector: Bools,
     masks: Bools,
     point_rows: Ints,
     meeting_offsets: Ints,
 ) -> Bools:
-    """Whether the operands of ``->`` follow one another; the earliest match of each is enough.
+    """As `match_sequence`.
 
     Parameters
     ----------
-    offsets : (n_rays + 1,)
     is_detector : (n_operands,), the operand stands on segments
     masks : (n_cells,) marks of all operands, one after the other
     point_rows : (n_operands,) where the marks of each operand begin in ``masks``
-    meeting_offsets : (n_points + 1,) meetings on the segment that starts at each point
     """
     n_operands = len(is_detector)
     out = np.zeros(len(offsets) - 1, np.bool_)

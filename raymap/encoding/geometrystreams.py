@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from raymap.bytes.planes import split_positions
 from raymap.bytes.streams import Scope, StreamSet
 from raymap.encoding.dictionary import Itineraries
+from raymap.encoding.itineraries import PathRuns
 from raymap.encoding.normals import end_residuals, imply_normals, normal_residuals, other_residuals
 from raymap.encoding.portionmeta import Encoding
-from raymap.encoding.positions import resolve_codes
-from raymap.encoding.shapes import LEFT_SCENE, RayPoints, RayShapes, ShapeTable, shape_codes
+from raymap.encoding.shapes import LEFT_SCENE, RayPoints, ShapedRecords, ShapeTable, point_shapes
 from raymap.jit.scratch import scratch
 from raymap.model.portion import Portion
 
@@ -82,15 +82,11 @@ def with_normals(portion: Portion, codes: NDArray[np.int32], shapes: ShapeTable)
 def _shape_codes(rays: PathsTaken, shapes: ShapeTable) -> NDArray[np.int32]:
     """Shape code of each record."""
     portion, table = rays.portion, rays.table
-    point_codes = np.empty(table.object.size, np.int32)
-    shape_codes(table.offsets, table.object, table.face, table.event, shapes.face_code, point_codes)
-    codes = scratch("codes", portion.n_records, np.int32)
-    resolve_codes(
-        RayShapes(rays.path_numbers, table.offsets, rays.offsets, point_codes, portion.triangle),
-        shapes,
-        codes,
-    )
-    return codes
+    n = portion.n_records
+    runs = PathRuns.check(table.offsets, rays.path_numbers, n, "records of rays")
+    codes = point_shapes(table.offsets, table.object, table.face, table.event, shapes)
+    room = scratch("codes", n, np.int32)
+    return ShapedRecords.check(runs, codes, portion.triangle, shapes, room).codes
 
 
 def _add_raw_geometry(streams: StreamSet, portion: Portion) -> int:

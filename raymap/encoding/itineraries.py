@@ -2,18 +2,70 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.encoding.pathstreams import offsets_from_counts
 from raymap.jit.kernels import lean_kernel
+from raymap.model.errors import FormatError
 
-__all__ = [
-    "assign_faces",
-    "expand_points",
-    "face_triangles",
-]
+__all__ = ["PathRuns", "assign_faces", "face_triangles"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PathRuns:
+    """Rays that repeat the rows of their paths; `check` alone makes them.
+
+    Attributes
+    ----------
+    path_offsets : (n_paths + 1,) rows of each path
+    numbers : (n_rays,) path of each ray
+    offsets : (n_rays + 1,) rows of each ray, as many as its path has
+    """
+
+    path_offsets: NDArray[np.int64]
+    numbers: NDArray[np.uint32]
+    offsets: NDArray[np.int64]
+
+    @staticmethod
+    def check(
+        path_offsets: NDArray[np.int64], numbers: NDArray[np.uint32], total: int, what: str
+    ) -> PathRuns:
+        """Rays that compiled loops may walk along.
+
+        Parameters
+        ----------
+        total : rows of all rays
+        what : these rows are, for messages
+
+        Raises
+        ------
+        FormatError
+            A ray takes a path that there is not, or the rows of the rays are another number.
+        """
+        lengths = np.diff(path_offsets)
+        if path_offsets[0] != 0 or (len(lengths) and int(lengths.min()) < 0):
+            raise FormatError("paths do not follow one another")
+        if len(numbers) and not 0 <= int(numbers.min()) <= int(numbers.max()) < len(lengths):
+            raise FormatError("a ray's path is not in the dictionary")
+        return PathRuns(path_offsets, numbers, offsets_from_counts(lengths[numbers], total, what))
+
+    def expand(self, column: NDArray[Any]) -> NDArray[Any]:
+        """Give each row of a ray the value that the row of its path has.
+
+        Raises
+        ------
+        FormatError
+            The column does not have a value for each row of the paths.
+        """
+        if len(column) != self.path_offsets[-1]:
+            raise FormatError(f"{len(column)} values of {self.path_offsets[-1]} points of paths")
+        out = np.empty(int(self.offsets[-1]), column.dtype)
+        _expand_points(self.numbers, self.path_offsets, self.offsets, column, out)
+        return out
 
 
 @lean_kernel
@@ -56,7 +108,7 @@ def assign_faces(
 
 
 @lean_kernel
-def expand_points(
+def _expand_points(
     path_numbers: NDArray[np.uint32],
     path_offsets: NDArray[np.int64],
     record_offsets: NDArray[np.int64],
@@ -83,12 +135,15 @@ def face_triangles(
 ) -> bool:
     """Rebuild primitives: implied where the face has one, else face start + next explicit value.
 
-    False where an explicit value is not in its face, or there are too few or too many.
+    False where there is no such face, an explicit value is not in it, or there are too few or too
+    many.
     """
     used = 0
     for i in range(faces.size):
         face = faces[i]
         triangle = -1
+        if face >= primitive_count.size:
+            return False
         if face >= 0:
             triangle = first_primitive[face]
             if primitive_count[face] != 1:

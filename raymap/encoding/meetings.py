@@ -17,8 +17,8 @@ from raymap.model.schema import NORMAL_SCALE, UV_SCALE
 __all__ = [
     "CheckedMeetings",
     "DetectorTable",
+    "FoldedMeetings",
     "compile_detectors",
-    "decode_meetings",
 ]
 
 _SCALE = float(NORMAL_SCALE)
@@ -72,6 +72,63 @@ class CheckedMeetings:
         if not _cells_fit(detector, cell, table.cells):
             raise FormatError("a meeting is in a cell that its detector does not have")
         return CheckedMeetings(detector, cell)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoldedMeetings:
+    """Meetings of which is stored how far they are off where the segments cross; `check` alone.
+
+    Attributes
+    ----------
+    counts : (n_records,) meetings of the segment that starts at each record
+    detector : (n,) rows of the table
+    position : (n_records, 3)
+    folded : (5, n) residuals
+    table : the detectors
+    """
+
+    counts: NDArray[np.uint16]
+    detector: NDArray[np.int16]
+    position: NDArray[np.float32]
+    folded: NDArray[np.uint16]
+    table: DetectorTable
+
+    @staticmethod
+    def check(
+        counts: NDArray[np.uint16],
+        detector: NDArray[np.int16],
+        position: NDArray[np.float32],
+        folded: NDArray[np.uint16],
+        table: DetectorTable,
+    ) -> FoldedMeetings:
+        """Meetings that compiled loops may unfold.
+
+        Raises
+        ------
+        FormatError
+            Columns are not as long as each other, or a detector is not in the table.
+        """
+        n = len(detector)
+        if folded.shape != (5, n) or int(counts.sum(dtype=np.int64)) != n:
+            raise FormatError(f"residuals {folded.shape} of {n} meetings")
+        if position.shape != (len(counts), 3):
+            raise FormatError(f"positions {position.shape} of {len(counts)} records")
+        if n and not 0 <= int(detector.min()) <= int(detector.max()) < len(table.flat):
+            raise FormatError("a meeting is with a detector that the directory does not have")
+        return FoldedMeetings(counts, detector, position, folded, table)
+
+    def unfold(
+        self, *, reverse: bool
+    ) -> tuple[NDArray[np.uint16], NDArray[np.int16], NDArray[np.uint16]]:
+        """Cells (n, 2), cosines (n,) and places (n, 2); ``reverse`` : cosines of the other sign."""
+        n = len(self.detector)
+        cell, uv = np.empty((n, 2), np.uint16), np.empty((n, 2), np.uint16)
+        cosine = np.empty(n, np.int16)
+        _decode_meetings(
+            self.counts, self.detector, self.position, *self.table, reverse, self.folded,
+            cell, cosine, uv,
+        )  # fmt: skip
+        return cell, cosine, uv
 
 
 def compile_detectors(directory: Directory) -> DetectorTable:
@@ -142,7 +199,7 @@ def _unfold(code: np.uint16, predicted: int) -> int:
 
 
 @lean_kernel
-def decode_meetings(
+def _decode_meetings(
     counts: NDArray[np.uint16],
     detector: NDArray[np.int16],
     position: NDArray[np.float32],

@@ -16,23 +16,121 @@ from raymap.encoding.shapes import (
     LEFT,
     MANY,
     RayPoints,
+    ShapedRecords,
     ShapeTable,
     code_off_faces,
 )
 from raymap.jit.kernels import inner_kernel, lean_kernel
+from raymap.model.errors import FormatError
 from raymap.model.schema import NORMAL_SCALE
 
 __all__ = [
-    "decode_normals",
     "end_residuals",
     "imply_normals",
     "normal_residuals",
-    "normals_of_records",
     "other_residuals",
+    "rebuild_normals",
+    "rebuild_some_normals",
 ]
 
 Integer = int | np.integer
+Folded = tuple[NDArray[np.uint16], NDArray[np.uint16], NDArray[np.uint16]]
 _SCALE = float(NORMAL_SCALE)
+
+
+def rebuild_normals(
+    records: ShapedRecords,
+    sources: NDArray[np.int16],
+    n_sources: int,
+    position: NDArray[np.float32],
+    folded: Folded,
+) -> NDArray[np.int16]:
+    """Normals from what is stored of them: how far they are off what is implied.
+
+    Parameters
+    ----------
+    sources : (n_rays,)
+    position : (n_records, 3)
+    folded : x, y, z, each (n_records,)
+
+    Returns
+    -------
+    normal : (n_records, 3) int16
+
+    Raises
+    ------
+    FormatError
+        The columns do not fit the records.
+    """
+    n, shapes = len(records), records.shapes
+    if [len(column) for column in folded] != [n, n, n] or position.shape != (n, 3):
+        raise FormatError(f"normals and positions of other than {n} records")
+    if len(sources) != len(records.runs.numbers):
+        raise FormatError(f"{len(sources)} sources of {len(records.runs.numbers)} rays")
+    if len(sources) and not 0 <= int(sources.min()) <= int(sources.max()) < n_sources:
+        raise FormatError("a ray has a source that the directory does not have")
+    if n and not len(records.triangles) and int(records.codes.min()) <= MANY:
+        raise FormatError("primitives are missing that tell normals apart")
+    normal = np.empty((n, 3), np.int16)
+    _decode_normals(
+        records.runs.offsets,
+        records.codes,
+        records.triangles,
+        sources,
+        shapes.gradient,
+        shapes.first_primitive,
+        shapes.face_start,
+        np.zeros((n_sources, 3), np.int16),
+        np.zeros((shapes.n_remembered, 3), np.int16),
+        position,
+        *folded,
+        normal,
+    )
+    return normal
+
+
+def rebuild_some_normals(
+    shapes: ShapeTable,
+    records: NDArray[np.integer],
+    faces: NDArray[np.integer],
+    position: NDArray[np.float32],
+    folded: Folded,
+) -> NDArray[np.int16]:
+    """As `rebuild_normals`, of some records, all of them on faces of one quadric.
+
+    Parameters
+    ----------
+    records : (n,) places in the portion; faces : (n,) theirs
+
+    Returns
+    -------
+    normal : (n, 3) int16
+
+    Raises
+    ------
+    FormatError
+        There is no such record or face, or the face is no quadric.
+    """
+    n = len(position)
+    if [len(column) for column in folded] != [n, n, n] or position.shape != (n, 3):
+        raise FormatError(f"normals and positions of other than {n} records")
+    if len(records) and not 0 <= int(records.min()) <= int(records.max()) < n:
+        raise FormatError("a record is not in its portion")
+    if len(faces) and not 0 <= int(faces.min()) <= int(faces.max()) < len(shapes.face_code):
+        raise FormatError("a path names a face that the directory does not have")
+    codes = shapes.face_code[faces]
+    if len(faces) != len(records) or (len(codes) and int(codes.min()) < 0):
+        raise FormatError("the normal of a record is not implied by its face")
+    normal = np.empty((len(records), 3), np.int16)
+    _normals_of_records(
+        np.asarray(records, np.int64),
+        np.asarray(codes, np.int32),
+        shapes.gradient,
+        position,
+        *folded,
+        normal,
+    )
+    return normal
 
 
 @inner_kernel
@@ -332,7 +430,7 @@ def other_residuals(
 
 
 @lean_kernel
-def decode_normals(
+def _decode_normals(
     record_offsets: NDArray[np.int64],
     codes: NDArray[np.int32],
     triangles: NDArray[np.int32],
@@ -370,7 +468,7 @@ def decode_normals(
 
 
 @lean_kernel
-def normals_of_records(
+def _normals_of_records(
     records: NDArray[np.int64],
     codes: NDArray[np.int32],
     gradient: NDArray[np.float64],
@@ -380,7 +478,7 @@ def normals_of_records(
     z: NDArray[np.uint16],
     normal: NDArray[np.int16],
 ) -> None:
-    """As `decode_normals`, of some records on quadrics; ``codes`` and ``normal`` are theirs."""
+    """As `_decode_normals`, of some records on quadrics; ``codes`` and ``normal`` are theirs."""
     for k in range(records.size):
         i = np.uint64(records[k])
         px, py, pz = _gradient(gradient, codes[k], position, i)

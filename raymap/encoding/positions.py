@@ -11,18 +11,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.encoding.shapes import (
-    LEFT,
-    MANY,
-    RayShapes,
-    ShapeTable,
-)
+from raymap.encoding.pathstreams import Reader
+from raymap.encoding.shapes import LEFT, ShapedRecords
 from raymap.jit.kernels import inner_kernel, kernel, lean_kernel
+from raymap.model.errors import FormatError
 
 __all__ = [
-    "join_coordinates",
-    "resolve_codes",
-    "solve_positions",
+    "rebuild_positions",
 ]
 
 _LARGEST = 3.4e38
@@ -57,27 +52,52 @@ def _root(solve: NDArray[np.float64], q: int, u: float, v: float, second: int) -
     return np.float32(t if -_LARGEST <= t <= _LARGEST else 0.0)
 
 
-@lean_kernel
-def resolve_codes(rays: RayShapes, shapes: ShapeTable, codes: NDArray[np.int32]) -> None:
-    """Shape code of each record; where its primitive has a quadric of its own, that one's row.
+def rebuild_positions(
+    records: ShapedRecords, read: Reader, *, solve_faces: bool, solve_sphere: bool
+) -> NDArray[np.float32]:
+    """Positions of which a coordinate was left out where the shape implies it.
 
     Parameters
     ----------
-    codes : (n_records,) out
+    read : (name, rows, dtype) -> column
+    solve_faces, solve_sphere : left out on faces, on the bounding sphere
+
+    Returns
+    -------
+    position : (n_records, 3) float32
+
+    Raises
+    ------
+    FormatError
+        The streams do not fit the records.
     """
-    many = rays.triangles.size > 0 and shapes.primitive_quadric.size > 0
-    for ray in range(rays.numbers.size):
-        row = rays.path_offsets[rays.numbers[ray]] - rays.record_offsets[ray]
-        for i in range(rays.record_offsets[ray], rays.record_offsets[ray + 1]):
-            code = rays.codes[row + i]
-            if code <= MANY and many:
-                face = MANY - code
-                primitive = rays.triangles[i] - shapes.first_primitive[face]
-                start = shapes.quadric_start[face]
-                q = shapes.primitive_quadric[start + primitive] if start >= 0 else -1
-                if q >= 0:
-                    code = q
-            codes[i] = code
+    shapes = records.shapes
+    x, y, z = (read(f"position.{name}", None, np.float32) for name in "xyz")
+    position = np.empty((len(records), 3), np.float32)
+    bits = position.view(np.int32)
+    solved = np.empty(len(records), np.int32)
+    n = _join_coordinates(
+        records.codes,
+        shapes.axis,
+        solve_faces,
+        solve_sphere,
+        x.view(np.int32),
+        y.view(np.int32),
+        z.view(np.int32),
+        bits,
+        solved,
+    )
+    if n < 0:
+        raise FormatError("positions do not fit the paths")
+    residual, roots = (
+        read("position.residual", n, np.uint32), read("position.root", n, np.uint8)
+    )  # fmt: skip
+    if not len(residual) == len(roots) == n:
+        raise FormatError("residuals of positions do not fit the paths")
+    _solve_positions(
+        solved[:n], records.codes, shapes.solve, shapes.axis, residual, roots, position, bits
+    )
+    return position
 
 
 @inner_kernel
@@ -91,7 +111,7 @@ def _solved_axis(code: int, axis: NDArray[np.int8], solve_faces: bool, solve_sph
 
 
 @lean_kernel
-def join_coordinates(
+def _join_coordinates(
     codes: NDArray[np.int32],
     axis: NDArray[np.int8],
     solve_faces: bool,
@@ -133,7 +153,7 @@ def join_coordinates(
 
 
 @kernel
-def solve_positions(
+def _solve_positions(
     solved: NDArray[np.int32],
     codes: NDArray[np.int32],
     solve: NDArray[np.float64],

@@ -13,13 +13,16 @@ MANY - face           the face has several primitives, the record's own one deci
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.encoding.itineraries import PathRuns
 from raymap.jit.kernels import inline_kernel, lean_kernel
 from raymap.model.directory import Directory
+from raymap.model.errors import FormatError
 from raymap.model.events import Event
 from raymap.model.sceneobjects import NO_QUADRIC
 
@@ -30,11 +33,11 @@ __all__ = [
     "MANY",
     "NO_SHAPE",
     "RayPoints",
-    "RayShapes",
     "ShapeTable",
+    "ShapedRecords",
     "code_off_faces",
     "compile_shapes",
-    "shape_codes",
+    "point_shapes",
 ]
 
 NO_SHAPE, EMISSION, LEFT, MANY = -1, -2, -3, -10
@@ -50,12 +53,13 @@ class ShapeTable(NamedTuple):
 
     Attributes
     ----------
-    solve : (n, 10) coefficients in the order in which `raymap.encoding.positions.solve_positions`
-    takes them gradient : (n, 10) coefficients as the directory has them axis : (n,) coordinate that
-    is rebuilt, -1 none face_code : (n_faces,) shape code of points on each face first_primitive :
-    (n_faces,) face_start : (n_faces,) primitives of all faces before, those of other objects
-    included quadric_start : (n_faces,) row of ``primitive_quadric`` of the first primitive of a
-    face of
+    solve : (n, 10) coefficients in the order in which `raymap.encoding.positions` takes them
+    gradient : (n, 10) coefficients as the directory has them
+    axis : (n,) coordinate that is rebuilt, -1 none
+    face_code : (n_faces,) shape code of points on each face
+    first_primitive, primitive_count : (n_faces,)
+    face_start : (n_faces,) primitives of all faces before, those of other objects included
+    quadric_start : (n_faces,) row of ``primitive_quadric`` of the first primitive of a face of
         several, -1 where none of them has a quadric
     primitive_quadric : (n_shapes,) or (0,), row of the quadric of each primitive, -1 none
     complete : whether every primitive has a quadric
@@ -67,6 +71,7 @@ class ShapeTable(NamedTuple):
     axis: NDArray[np.int8]
     face_code: NDArray[np.int32]
     first_primitive: NDArray[np.int32]
+    primitive_count: NDArray[np.int32]
     face_start: NDArray[np.int64]
     quadric_start: NDArray[np.int64]
     primitive_quadric: NDArray[np.int32]
@@ -97,23 +102,60 @@ class RayPoints(NamedTuple):
     sources: NDArray[np.int16]
 
 
-class RayShapes(NamedTuple):
-    """Rays and the shape codes of their points.
+@dataclass(frozen=True, slots=True, eq=False)
+class ShapedRecords:
+    """Records whose shapes and primitives the scene has; `check` alone makes them.
 
     Attributes
     ----------
-    numbers : (n_rays,) path of each ray
-    path_offsets : (n_paths + 1,) points of each path
-    record_offsets : (n_rays + 1,) records of each ray
-    codes : (n_points,) shape code of each point of the paths
+    runs : the rays, and their records
+    codes : (n_records,) shape code of each record; where its primitive has a quadric of its own,
+        that one's row
     triangles : (n_records,) primitives, or (0,) where no code needs them
+    shapes : of the directory
     """
 
-    numbers: NDArray[np.uint32]
-    path_offsets: NDArray[np.int64]
-    record_offsets: NDArray[np.int64]
+    runs: PathRuns
     codes: NDArray[np.int32]
     triangles: NDArray[np.int32]
+    shapes: ShapeTable
+
+    @staticmethod
+    def check(
+        runs: PathRuns,
+        point_codes: NDArray[np.int32],
+        triangles: NDArray[np.int32],
+        shapes: ShapeTable,
+        out: NDArray[np.int32] | None = None,
+    ) -> ShapedRecords:
+        """Records whose positions and normals compiled loops may rebuild.
+
+        Parameters
+        ----------
+        point_codes : (n_points of the paths,), see `point_shapes`
+        out : (n_records,) room for the codes
+
+        Raises
+        ------
+        FormatError
+            There is no such shape or primitive.
+        """
+        n = int(runs.offsets[-1])
+        if len(point_codes) != runs.path_offsets[-1] or len(triangles) not in (0, n):
+            raise FormatError("shapes and primitives of other records")
+        if len(point_codes):
+            low, high = int(point_codes.min()), int(point_codes.max())
+            if high >= len(shapes.axis) or MANY - low >= len(shapes.face_code):
+                raise FormatError("a point has a shape that the scene does not have")
+        codes = np.empty(n, np.int32) if out is None else out
+        if not _resolve_codes(
+            runs.numbers, runs.path_offsets, runs.offsets, point_codes, triangles, shapes, codes
+        ):
+            raise FormatError("a primitive is not in its face")
+        return ShapedRecords(runs, codes, triangles, shapes)
+
+    def __len__(self) -> int:
+        return len(self.codes)
 
 
 def compile_shapes(directory: Directory) -> ShapeTable:
@@ -138,6 +180,7 @@ def compile_shapes(directory: Directory) -> ShapeTable:
         axis=axis,
         face_code=face_code,
         first_primitive=columns.first_primitive,
+        primitive_count=columns.primitive_count,
         face_start=face_start[:-1],
         quadric_start=np.where(several_shapes, columns.first_shape[:-1], -1),
         primitive_quadric=columns.quadric_row.astype(np.int32)
@@ -174,20 +217,86 @@ def code_off_faces(begins: bool, item: int, event: int) -> int:
     return LEFT if item < 0 and event & LEFT_SCENE else NO_SHAPE
 
 
+def point_shapes(
+    offsets: NDArray[np.int64],
+    objects: NDArray[np.int16],
+    faces: NDArray[np.int32],
+    events: NDArray[np.int32],
+    shapes: ShapeTable,
+) -> NDArray[np.int32]:
+    """Shape code of each point of paths.
+
+    Parameters
+    ----------
+    offsets : (n_paths + 1,)
+    objects, faces, events : (n_points,)
+
+    Returns
+    -------
+    codes : (n_points,)
+
+    Raises
+    ------
+    FormatError
+        A face is not the scene's, or columns are not as long as the paths.
+    """
+    n = int(offsets[-1])
+    codes = np.empty(n, np.int32)
+    if not len(objects) == len(faces) == len(events) == n:
+        raise FormatError("columns of paths are not as long as the paths")
+    if not _shape_codes(offsets, objects, faces, events, shapes.face_code, codes):
+        raise FormatError("a path names a face that the directory does not have")
+    return codes
+
+
 @lean_kernel
-def shape_codes(
+def _shape_codes(
     offsets: NDArray[np.int64],
     objects: NDArray[np.int16],
     faces: NDArray[np.int32],
     events: NDArray[np.int32],
     face_code: NDArray[np.int32],
     codes: NDArray[np.int32],
-) -> None:
-    """Shape code of each point of paths (or of each record)."""
+) -> bool:
+    """Shape code of each point of paths; false where a face is not in the table."""
     for path in range(offsets.size - 1):
         first = offsets[path]
         for i in range(first, offsets[path + 1]):
+            if faces[i] >= face_code.size:
+                return False
             if faces[i] >= 0:
                 codes[i] = face_code[faces[i]]
             else:
                 codes[i] = code_off_faces(i == first, objects[i], events[i])
+    return True
+
+
+@lean_kernel
+def _resolve_codes(
+    numbers: NDArray[np.uint32],
+    path_offsets: NDArray[np.int64],
+    record_offsets: NDArray[np.int64],
+    point_codes: NDArray[np.int32],
+    triangles: NDArray[np.int32],
+    shapes: ShapeTable,
+    codes: NDArray[np.int32],
+) -> bool:
+    """Shape code of each record; false where a primitive is not in its face."""
+    many = triangles.size > 0
+    own = shapes.primitive_quadric.size > 0
+    for ray in range(numbers.size):
+        row = path_offsets[numbers[ray]] - record_offsets[ray]
+        for i in range(record_offsets[ray], record_offsets[ray + 1]):
+            code = point_codes[row + i]
+            if code <= MANY and many:
+                face = MANY - code
+                primitive = triangles[i] - shapes.first_primitive[face]
+                if not 0 <= primitive < shapes.primitive_count[face]:
+                    return False
+                start = shapes.quadric_start[face]
+                if own and start >= 0:
+                    q = shapes.primitive_quadric[start + primitive]
+                    if q >= 0:
+                        code = q
+            codes[i] = code
+    return True

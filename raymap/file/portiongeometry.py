@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +11,11 @@ from numpy.typing import NDArray
 from raymap.bytes.decoding import decodes
 from raymap.encoding.portionmeta import DESCRIPTOR_STREAMS, Encoding
 from raymap.file.portionstreams import PortionStreams
-from raymap.model.errors import FormatError
 from raymap.model.portion import Descriptors
+
+if TYPE_CHECKING:
+    from raymap.encoding.normals import Folded
+    from raymap.encoding.shapes import ShapedRecords
 
 __all__ = ["PortionGeometry"]
 
@@ -51,10 +54,8 @@ class PortionGeometry(PortionStreams):
     def _check_cells(self, detector: NDArray[np.int16], cell: NDArray[np.uint16]) -> None:
         from raymap.encoding.meetings import CheckedMeetings
 
-        try:
+        with self._damage():
             CheckedMeetings.check(detector, cell, self._map.detectors)
-        except FormatError as error:
-            raise self._damaged(str(error)) from None
 
     def _pair(self, names: tuple[str, ...], field: str) -> NDArray[np.uint16]:
         """Two of the streams of descriptors, without the others where they stand for themselves."""
@@ -77,26 +78,16 @@ class PortionGeometry(PortionStreams):
     def _crossings(
         self, detector: NDArray[np.int16], position: NDArray[np.float32] | None
     ) -> tuple[NDArray[Any], ...]:
-        from raymap.encoding.meetings import decode_meetings
+        from raymap.encoding.meetings import FoldedMeetings
 
         n = self.n_descriptors
         folded = np.stack([self._stream(name, n, np.uint16) for name in DESCRIPTOR_STREAMS])
-        cell, uv = np.empty((n, 2), np.uint16), np.empty((n, 2), np.uint16)
-        cosine = np.empty(n, np.int16)
         counts = self._column_descriptor_count()
-        self._meeting_offsets(counts)
-        decode_meetings(
-            counts,
-            detector,
-            self._column_position() if position is None else position,
-            *self._map.detectors,
-            bool(self._index.meta.encodings & Encoding.REVERSED),
-            folded,
-            cell,
-            cosine,
-            uv,
-        )
-        return cell, cosine, uv
+        if position is None:
+            position = self._column_position()
+        with self._damage():
+            meetings = FoldedMeetings.check(counts, detector, position, folded, self._map.detectors)
+        return meetings.unfold(reverse=bool(self._index.meta.encodings & Encoding.REVERSED))
 
     def _column_triangle(self) -> NDArray[np.int32]:
         from raymap.encoding.itineraries import face_triangles
@@ -118,31 +109,23 @@ class PortionGeometry(PortionStreams):
             raise self._damaged("primitives do not fit the faces")
         return out
 
-    def _shape_codes(
-        self, triangles: NDArray[np.int32] | None
-    ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int64]]:
-        """(shape codes, primitives or (0,) where no code needs them, record offsets)."""
-        from raymap.encoding.positions import resolve_codes
-        from raymap.encoding.shapes import MANY, RayShapes, shape_codes
+    def _shaped_records(self, *, primitives: bool = True) -> ShapedRecords:
+        """The records with their shapes.
+
+        Parameters
+        ----------
+        primitives : read those of faces of several, which tell quadrics and normals apart
+        """
+        from raymap.encoding.shapes import MANY, ShapedRecords, point_shapes
 
         paths = self.paths()
-        point_codes = np.empty(paths.n_points, np.int32)
-        shapes = self._map.shapes
-        shape_codes(
-            paths.offsets, paths.object, paths.face, paths.event, shapes.face_code, point_codes
-        )
-        if triangles is None:
-            many = self.n_records and bool((point_codes <= MANY).any())
-            triangles = self._column_triangle() if many else np.empty(0, np.int32)
-        numbers = self.path_numbers()
-        offsets = self._record_offsets(numbers) if self.has_paths else paths.offsets
-        codes = np.empty(self.n_records, np.int32)
-        resolve_codes(
-            RayShapes(numbers, paths.offsets, offsets, point_codes, triangles),
-            shapes,
-            codes,
-        )
-        return codes, triangles, offsets
+        shapes, triangles = self._map.shapes, np.empty(0, np.int32)
+        with self._damage():
+            codes = point_shapes(paths.offsets, paths.object, paths.face, paths.event, shapes)
+            if primitives and self.n_records and bool((codes <= MANY).any()):
+                triangles = self._column_triangle()
+            runs = self._runs(paths.offsets, self.path_numbers())
+            return ShapedRecords.check(runs, codes, triangles, shapes)
 
     def _column_position(self) -> NDArray[np.float32]:
         position = self._positions()
@@ -157,53 +140,27 @@ class PortionGeometry(PortionStreams):
         encodings = self._index.meta.encodings
         solve_faces = bool(encodings & Encoding.SOLVED_FACES)
         solve_sphere = bool(encodings & Encoding.SOLVED_SPHERE)
-        out = np.empty((self.n_records, 3), np.float32)
         if not solve_faces and not solve_sphere:
+            out = np.empty((self.n_records, 3), np.float32)
             for axis, name in enumerate("xyz"):
                 self._read_coordinate(f"position.{name}", axis, out)
             return out
-        from raymap.encoding.positions import join_coordinates, solve_positions
+        from raymap.encoding.positions import rebuild_positions
 
-        shapes = self._map.shapes
-        several = solve_faces and len(shapes.primitive_quadric) > 0
-        codes, _, _ = self._shape_codes(None if several else np.empty(0, np.int32))
-        x, y, z = (self._stream(f"position.{name}", None, np.float32) for name in "xyz")
-        bits = out.view(np.int32)
-        solved = np.empty(self.n_records, np.int32)
-        n = join_coordinates(
-            codes,
-            shapes.axis,
-            solve_faces,
-            solve_sphere,
-            x.view(np.int32),
-            y.view(np.int32),
-            z.view(np.int32),
-            bits,
-            solved,
-        )
-        if n < 0:
-            raise self._damaged("positions do not fit the paths")
-        solve_positions(
-            solved[:n],
-            codes,
-            shapes.solve,
-            shapes.axis,
-            self._stream("position.residual", n, np.uint32),
-            self._stream("position.root", n, np.uint8),
-            out,
-            bits,
-        )
-        return out
+        several = solve_faces and len(self._map.shapes.primitive_quadric) > 0
+        records = self._shaped_records(primitives=several)
+        with self._damage():
+            return rebuild_positions(
+                records, self._stream, solve_faces=solve_faces, solve_sphere=solve_sphere
+            )
 
     def _read_coordinate(self, name: str, axis: int, out: NDArray[np.float32]) -> None:
         from raymap.bytes.planes import join_coordinate
         from raymap.bytes.streams import decode_planes
 
-        try:
+        with self._damage():
             entries = self._streams.get(name, [])
             planes = decode_planes(entries, self.fetch, self.n_records, np.float32)
-        except FormatError as error:
-            raise self._damaged(str(error)) from None
         if planes is None:
             out[:, axis] = self._stream(name, self.n_records, np.float32)
         else:
@@ -233,48 +190,31 @@ class PortionGeometry(PortionStreams):
         ):
             column: NDArray[np.int16] = self._normals(position)
             return column[np.asarray(records)]
-        from raymap.encoding.normals import normals_of_records
+        from raymap.encoding.normals import rebuild_some_normals
 
-        n = self.n_records
-        out = np.empty((len(records), 3), np.int16)
-        normals_of_records(
-            np.asarray(records, np.int64),
-            np.asarray(codes, np.int32),
-            self._map.shapes.gradient,
-            position,
-            self._stream("normal.x", n, np.uint16),
-            self._stream("normal.y", n, np.uint16),
-            self._stream("normal.z", n, np.uint16),
-            out,
-        )
-        return out
+        with self._damage():
+            return rebuild_some_normals(
+                self._map.shapes, records, faces, position, self._folded_normals()
+            )
 
     def _normals(self, position: NDArray[np.float32] | None) -> NDArray[np.int16]:
         """Normals; residuals need the positions, which may be there already."""
-        out = np.empty((self.n_records, 3), np.int16)
-        n = self.n_records
         if not self._index.meta.encodings & Encoding.NORMALS:
+            out = np.empty((self.n_records, 3), np.int16)
             for axis, name in enumerate("xyz"):
-                out[:, axis] = self._stream(f"normal.{name}", n, np.int16)
+                out[:, axis] = self._stream(f"normal.{name}", self.n_records, np.int16)
             return out
-        from raymap.encoding.normals import decode_normals
+        from raymap.encoding.normals import rebuild_normals
 
-        shapes = self._map.shapes
-        codes, triangles, offsets = self._shape_codes(None)
-        decode_normals(
-            offsets,
-            codes,
-            triangles,
-            self._column_source(),
-            shapes.gradient,
-            shapes.first_primitive,
-            shapes.face_start,
-            np.zeros((len(self.emitted), 3), np.int16),
-            np.zeros((shapes.n_remembered, 3), np.int16),
-            self._column_position() if position is None else position,
-            self._stream("normal.x", n, np.uint16),
-            self._stream("normal.y", n, np.uint16),
-            self._stream("normal.z", n, np.uint16),
-            out,
-        )
-        return out
+        records = self._shaped_records()
+        if position is None:
+            position = self._column_position()
+        with self._damage():
+            return rebuild_normals(
+                records, self._column_source(), len(self.emitted), position, self._folded_normals()
+            )
+
+    def _folded_normals(self) -> Folded:
+        """How far normals are off what is implied: x, y, z."""
+        x, y, z = (self._stream(f"normal.{axis}", self.n_records, np.uint16) for axis in "xyz")
+        return x, y, z

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, cast
 
@@ -26,6 +28,7 @@ from raymap.model.errors import DamagedPortion, FormatError
 from raymap.model.schema import COLOR_SCALE, NONE
 
 if TYPE_CHECKING:
+    from raymap.encoding.itineraries import PathRuns
     from raymap.file.owner import Owner, ReadPortion
 
 __all__ = ["POINT_TYPES", "PortionStreams"]
@@ -91,15 +94,24 @@ class PortionStreams:
     def _record_offsets(self, numbers: NDArray[np.uint32] | None) -> NDArray[np.int64]:
         """Record offsets of rays whose path numbers are there already."""
         if numbers is not None:
-            counts = np.diff(self._itineraries.offsets)[numbers]
-        else:
-            counts = self._stream("path.length", self.n_rays, np.uint32)
-            if self.n_rays and not counts.all():
-                raise self._damaged("a ray has no records")
-        try:
+            return self._runs(self._itineraries.offsets, numbers).offsets
+        counts = self._stream("path.length", self.n_rays, np.uint32)
+        if self.n_rays and not counts.all():
+            raise self._damaged("a ray has no records")
+        with self._damage():
             return offsets_from_counts(counts, self.n_records, "records of rays")
-        except FormatError as error:
-            raise self._damaged(str(error)) from None
+
+    def _runs(self, offsets: NDArray[np.int64], numbers: NDArray[np.uint32]) -> PathRuns:
+        """The rays with the records that the points of their paths are.
+
+        Parameters
+        ----------
+        offsets : points of each path; numbers : (n_rays,) path of each ray
+        """
+        from raymap.encoding.itineraries import PathRuns
+
+        with self._damage():
+            return PathRuns.check(offsets, numbers, self.n_records, "records of rays")
 
     def stream_table(self) -> tuple[StreamEntry, ...]:
         """The streams as they lie in the chunk."""
@@ -116,7 +128,7 @@ class PortionStreams:
     @cached_property
     def _header(self) -> ChunkHeader:
         file = self._map.file
-        try:
+        with self._damage():
             index = self._index
             chunk = file.chunk_at(index.offset, index.offset + index.size, index.head_size)
             if chunk.tag != PORTION or chunk.header.size != self._index.size:
@@ -124,8 +136,6 @@ class PortionStreams:
             meta = PortionMeta.parse(chunk.header.meta, len(self.emitted))
             if meta.pack() != self._index.meta.pack():
                 raise FormatError("its header contradicts the footer")
-        except FormatError as error:
-            raise self._damaged(str(error)) from None
         return chunk.header
 
     @cached_property
@@ -139,7 +149,7 @@ class PortionStreams:
         self, name: str, rows: int | None, dtype: Any, *, matrix: bool = False
     ) -> NDArray[Any]:
         wanted = np.dtype(dtype)
-        try:
+        with self._damage():
             if name not in self._streams and not rows:
                 # A column of no rows has no streams; how many it must have is checked by who asks
                 return np.empty(0, wanted)
@@ -153,6 +163,12 @@ class PortionStreams:
             if column.dtype.kind in "iu" and wanted.kind in "iu":
                 return column.astype(wanted)
             raise FormatError(f"stream {name!r} holds {column.dtype}, expected {wanted}")
+
+    @contextmanager
+    def _damage(self) -> Iterator[None]:
+        """What does not fit in here is damage of the portion."""
+        try:
+            yield
         except DamagedPortion:
             raise
         except FormatError as error:
@@ -165,7 +181,7 @@ class PortionStreams:
     def _itineraries(self) -> CheckedPaths:
         """The paths alone, checked against the directory and the header."""
         meta = self._index.meta
-        try:
+        with self._damage():
             columns = check_itineraries(
                 lambda name, rows, dtype: self._stream(f"path.{name}", rows, dtype),
                 meta.n_paths,
@@ -173,10 +189,6 @@ class PortionStreams:
             )
             if columns.n_points != meta.n_points or columns.n_meetings != meta.n_meetings:
                 raise FormatError("path dictionary has another size than the header says")
-        except DamagedPortion:
-            raise
-        except FormatError as error:
-            raise self._damaged(str(error)) from None
         return columns
 
     @cached_property
@@ -264,10 +276,8 @@ class PortionStreams:
         else:
             own = self._stream("path.sum_c", n_paths, np.uint64, matrix=True) / COLOR_SCALE
         own = own.reshape(n_paths, -1)
-        try:
+        with self._damage():
             check_amounts("sums of colour", own)
-        except FormatError as error:
-            raise self._damaged(str(error)) from None
         if own.shape[1] != self._map.channel_sets[self.channel_set].n_channels:
             raise self._damaged("colours of the paths have another number of channels")
         sums[self.channel_set] = own
@@ -295,27 +305,16 @@ class PortionStreams:
             self._check_bounds(name, column)
         if name == "face":
             objects = self._plain_points("object")
-            try:
+            with self._damage():
                 self._map.bounds.check_faces(objects, column)
-            except FormatError as error:
-                raise self._damaged(str(error)) from None
         return column
 
     def _expand(self, column: NDArray[Any]) -> NDArray[Any]:
-        from raymap.encoding.itineraries import expand_points
-
-        out = np.empty(self.n_records, column.dtype)
-        numbers = self.path_numbers()
-        expand_points(
-            numbers, self._itineraries.offsets, self._record_offsets(numbers), column, out
-        )
-        return out
+        return self._runs(self._itineraries.offsets, self.path_numbers()).expand(column)
 
     def _check_bounds(self, name: str, column: NDArray[Any]) -> NDArray[Any]:
-        try:
+        with self._damage():
             return self._map.bounds.check(name, column)
-        except FormatError as error:
-            raise self._damaged(str(error)) from None
 
     def _column_source(self) -> NDArray[np.int16]:
         if self.has_paths:
@@ -330,10 +329,8 @@ class PortionStreams:
     def _amounts(self, name: str, rows: int, dtype: Any = np.float64) -> NDArray[Any]:
         """A column of weights or of their sums."""
         column = self._stream(name, rows, dtype)
-        try:
+        with self._damage():
             return check_amounts(f"values of {name!r}", column)
-        except FormatError as error:
-            raise self._damaged(str(error)) from None
 
     def _column_descriptor_count(self) -> NDArray[np.uint16]:
         if self.has_paths:
@@ -353,10 +350,8 @@ class PortionStreams:
         return np.where(counts > 0, offsets[:-1], NONE).astype(np.int32)
 
     def _meeting_offsets(self, counts: NDArray[np.uint16]) -> NDArray[np.int64]:
-        try:
+        with self._damage():
             return offsets_from_counts(counts, self.n_descriptors, "descriptors of records")
-        except FormatError as error:
-            raise self._damaged(str(error)) from None
 
     def _meetings(self) -> tuple[NDArray[np.int16], NDArray[np.bool_]]:
         n = self.n_descriptors
@@ -366,15 +361,8 @@ class PortionStreams:
             return self._check_bounds("detector", detector), registered
         paths = self._itineraries
         starts = paths.detector_offsets[paths.offsets]
-        numbers = self.path_numbers()
-        offsets = np.zeros(self.n_rays + 1, np.int64)
-        np.cumsum(np.diff(starts)[numbers], out=offsets[1:])
-        if int(offsets[-1]) != n:
-            raise self._damaged(f"descriptors of rays add up to {int(offsets[-1])}, not {n}")
-        from raymap.encoding.itineraries import expand_points
+        from raymap.encoding.itineraries import PathRuns
 
-        detector = np.empty(n, np.int16)
-        registered = np.empty(n, np.bool_)
-        expand_points(numbers, starts, offsets, paths.detector, detector)
-        expand_points(numbers, starts, offsets, paths.registered, registered)
-        return detector, registered
+        with self._damage():
+            runs = PathRuns.check(starts, self.path_numbers(), n, "descriptors of rays")
+        return runs.expand(paths.detector), runs.expand(paths.registered)

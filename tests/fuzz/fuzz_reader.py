@@ -18,7 +18,15 @@ from pathlib import Path
 _ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(_ROOT))
 
-_PARSERS = ("chunks", "layout", "streams", "footer", "reader", "stored", "description")
+_PARSERS = (
+    "bytes.chunks",
+    "bytes.layout",
+    "bytes.streams",
+    "encoding.description",
+    "file.footer",
+    "file.reader",
+    "file.stored",
+)
 """Modules whose branches guide the fuzzer; compiled functions cannot be instrumented."""
 
 if __name__ == "__main__":

@@ -16,7 +16,6 @@ from query.atoms.event import event
 from query.atoms.hit import hit, parameter
 from query.engine.context import PathContext
 from query.engine.scan import Cancel, Scan
-from query.engine.scans import count_of_ray
 from query.engine.tally import Tally, source_factors, sums
 from query.expression.atom import Compare
 from query.expression.criterion import And, Criterion
@@ -331,7 +330,7 @@ def _reflecting(
     ghostly = (base.event & int(Event.SPECULAR_REFLECTION)) != 0
     ghostly &= (base.object >= 0) & counted[base.face]
     ghostly[base.offsets[:-1]] = False
-    number = count_of_ray(ghostly, base.offsets)
+    number = base.points.count(ghostly)
     rays_of = np.bincount(number, rays).astype(np.int64)
     found = {k: count for k, count in enumerate(rays_of.tolist()) if k and count}
     wanted = (number == reflections) & (rays > 0)

@@ -8,7 +8,6 @@ from query.engine.bind import Binder
 from query.engine.bound import BoundNode
 from query.engine.context import Context
 from query.engine.kleene import Bools, Pair, exactly
-from query.engine.scans import count_of_ray
 from query.expression.arguments import Names
 from query.expression.atom import Condition
 from query.expression.words import canonical_names
@@ -44,7 +43,7 @@ class BoundMeetsTwice(BoundNode):
     def on_rays(self, context: Context) -> Pair:
         found = None
         for number in self.table[:-1].nonzero()[0].tolist():
-            twice = count_of_ray(context.object == number, context.offsets) >= 2
+            twice = context.points.count(context.object == number) >= 2
             found = twice if found is None else found | twice
         assert found is not None
         return exactly(found)
