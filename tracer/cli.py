@@ -255,10 +255,10 @@ def check(
 
     with warnings_on_stderr() as said:
         loaded = load_scene(scene, variants=variant or (), simulation=simulation)
-        report = examine(loaded)
+        design = _design(scene)
+        report = examine(loaded, design["design"]["wavelength_nm"] if design else None)
     report["warnings"] = [*dict.fromkeys([*said, *report.get("warnings", [])])]
-    if scene.suffix.lower() != ".toml":
-        report |= _design(scene)
+    report |= design
     if output is not None:
         from tracer.studies.section import draw_section
 

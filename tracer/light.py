@@ -29,6 +29,7 @@ from raymap.model.fileformat import (
     by_content,
     by_suffix,
     known_suffixes,
+    of_other_program,
     suffixes_of,
 )
 from raymap.model.givenfile import check_given
@@ -331,7 +332,9 @@ def read_light(
             found = by_content(LIGHT_FORMATS, path)
         if found is None:
             known = known_suffixes(LIGHT_FORMATS.kinds())
-            raise SceneError(f"no reader for {path.name!r}; files may end in {known}")
+            raise SceneError(
+                f"no reader for {path.name!r}{of_other_program(path)}; files may end in {known}"
+            )
         check_given(path, "file", SceneError)
         return found.read(path, flux_from)
     except OSError as error:

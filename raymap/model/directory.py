@@ -212,6 +212,14 @@ class ChannelSet(Entry):
         return len(self.wavelengths_nm)
 
     @property
+    def said(self) -> str:
+        """Its channels in words."""
+        if self.kind == "rgb":
+            return "R, G, B"
+        shown = ", ".join(f"{nm:g}" for nm in self.wavelengths_nm[:8])
+        return f"{shown}{', …' if self.n_channels > 8 else ''} nm"
+
+    @property
     def labels(self) -> list[str]:
         """Names of the channels: R, G, B or the wavelengths."""
         if self.kind == "rgb":

@@ -9,7 +9,14 @@ from typing import TypeVar
 
 from raymap.model.registry import Registry
 
-__all__ = ["FileFormat", "by_content", "by_suffix", "known_suffixes", "suffixes_of"]
+__all__ = [
+    "FileFormat",
+    "by_content",
+    "by_suffix",
+    "known_suffixes",
+    "of_other_program",
+    "suffixes_of",
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,6 +69,18 @@ def by_content(formats: Registry[Format], path: Path) -> Format | None:
     with path.open("rb") as file:
         head = file.read(HEAD_BYTES)
     return next((kind for kind in sniffing if kind.sniff is not None and kind.sniff(head)), None)
+
+
+_RAYS_OF_OTHERS = {".dis": "ASAP", ".ray": "LightTools or Speos"}
+"""Files of rays that are not read, and whose they are."""
+
+
+def of_other_program(path: Path) -> str:
+    """For messages: what a file of light is that no format reads; empty where that is not known."""
+    program = _RAYS_OF_OTHERS.get(path.suffix.lower())
+    if program is None:
+        return ""
+    return f" (its name is that of rays of {program}: ask for them as TM-25 or in Zemax' format)"
 
 
 def known_suffixes(formats: Iterable[FileFormat]) -> str:

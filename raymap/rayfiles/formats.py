@@ -8,7 +8,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal
 
-from raymap.model.fileformat import by_content, by_suffix, known_suffixes, suffixes_of
+from raymap.model.fileformat import (
+    by_content,
+    by_suffix,
+    known_suffixes,
+    of_other_program,
+    suffixes_of,
+)
 from raymap.model.givenfile import check_given, not_readable
 from raymap.model.registry import Registry
 from raymap.model.replacing import refuse_existing, replacing
@@ -47,7 +53,7 @@ def read(path: str | os.PathLike[str], *, flux_from: FluxFrom = "header") -> Ray
         found = by_content(RAY_FORMATS, path) or by_suffix(RAY_FORMATS, path)
         if found is None:
             raise RayFileError(
-                f"{path.name} is no ray file that is known; they end in "
+                f"{path.name} is no ray file that is known{of_other_program(path)}; they end in "
                 f"{known_suffixes(RAY_FORMATS.kinds())}"
             )
         return found.read(path, flux_from)

@@ -94,6 +94,41 @@ def test_check_reports_what_the_scene_holds() -> None:
 
 
 @pytest.mark.parametrize(
+    ("wavelengths", "stated"),
+    [("450, 550, 650", 587.5618), ("3000, 4000, 5000", 4000.0), ("400", 400.0)],
+)
+def test_first_order_is_stated_for_light_of_the_scene(wavelengths: str, stated: float) -> None:
+    """1/f = (n - 1)(1/R1 - 1/R2 + (n - 1) d / (n R1 R2)) with n = 1.5 + 10⁴ nm² / λ²."""
+    scene = parse_scene(
+        f"""
+length_unit = "mm"
+[spectrum]
+kind = "spectral"
+wavelengths_nm = [{wavelengths}]
+[media.glass]
+cauchy = [1.5, 0.01]
+[bodies.L1]
+kind = "lens"
+medium = "glass"
+thickness = 10
+diameter = 20
+front = {{ radius = 50 }}
+back = {{ radius = -50 }}
+[sources.lamp]
+kind = "point"
+position = [0, 0, -50]
+"""
+    )
+    n = 1.5 + 0.01 / (1e-3 * stated) ** 2
+    report = examine(scene)
+    assert report["wavelength_nm"] == stated
+    power = (n - 1.0) * (2.0 / 50.0 - (n - 1.0) * 10.0 / (n * 2500.0))
+    assert report["efl"] == pytest.approx(1.0 / power, rel=1e-3)
+    # The primary wavelength of a lens file
+    assert examine(scene, 520.0)["wavelength_nm"] == 520.0
+
+
+@pytest.mark.parametrize(
     ("body", "message"),
     [
         ('kind = "cylinder"\nradius = 1\nlength = 3\nposition = [0, 0, 3]', "stands on the axis"),

@@ -18,6 +18,7 @@ import raymap
 from raymap.encoding.encoder import EncodedPortion, PortionEncoder
 from raymap.file.reader import NO_RAYS
 from raymap.file.writer import RayMapWriter
+from raymap.model.directory import ChannelSet
 from raymap.model.errors import MapExists, SceneError
 from raymap.model.portion import Portion
 from raymap.model.replacing import check_place
@@ -25,7 +26,13 @@ from raymap.model.schema import PORTION_RECORDS
 from raymap.remote.cluster import shares_memory
 from tracer.run.counted_map import write_counts
 from tracer.run.pieces import copied, split_portion
-from tracer.run.results import Progress, RecordResult, StoppedLight, stopped_notes
+from tracer.run.results import (
+    OtherChannels,
+    Progress,
+    RecordResult,
+    StoppedLight,
+    stopped_notes,
+)
 from tracer.run.trace import TRANSPORT_LAW, Trace
 from tracer.run.traces import trace_of
 from tracer.scene.compile import Compilation
@@ -33,7 +40,14 @@ from tracer.scene.model import Scene
 from tracer.transport.counts import Counts
 from tracer.transport.tally import Tally
 
-__all__ = ["StoppedLight", "check_target", "record", "refuse_scene_file", "run_into"]
+__all__ = [
+    "OtherChannels",
+    "StoppedLight",
+    "check_target",
+    "record",
+    "refuse_scene_file",
+    "run_into",
+]
 
 DEFAULT_RAYS = 1_000_000
 DEFAULT_SEED = 1
@@ -192,6 +206,19 @@ def _writer(
     )
 
 
+def _other_channels(writer: RayMapWriter, channels: ChannelSet) -> list[str]:
+    """What to say where the light of a map so far has other channels."""
+    mine = channels.kind, channels.wavelengths_nm
+    before = [own for own in writer.channel_sets if (own.kind, own.wavelengths_nm) != mine]
+    if not before:
+        return []
+    return [
+        f"the map's light so far has the channels {before[0].said}, that of this trace "
+        f"{channels.said}: rays are counted together, but pictures of detectors are refused; "
+        "record a map of its own for them"
+    ]
+
+
 class _Run:
     """One trace: hands out portions, collects them in order."""
 
@@ -217,6 +244,7 @@ class _Run:
         self.engine = trace.engine(self.seed)
         self.tally = Tally(trace.directory, trace.channel_set)
         self.pinholes = trace.pinholes()
+        self.other_channels = _other_channels(writer, trace.channel_set) if writer else []
         self.channel_set = writer.add_channel_set(trace.channel_set) if writer else 0
         fitting = self._fitting_rays()
         self.portion_rays = portion_rays or fitting
@@ -277,6 +305,8 @@ class _Run:
             elapsed = time.perf_counter() - began
         for note in notes:
             warnings.warn(note, StoppedLight, stacklevel=3)
+        for note in self.other_channels:
+            warnings.warn(note, OtherChannels, stacklevel=3)
         return RecordResult(
             rays=self.tally.rays,
             records=self.tally.records,
@@ -288,7 +318,7 @@ class _Run:
             audit=self.tally.audit(),
             absorbed_by=self.tally.absorbed_by(),
             fluxes=counts.fluxes(),
-            warnings=notes,
+            warnings=[*notes, *self.other_channels],
             interrupted=interrupted,
             counts=counts,
         )

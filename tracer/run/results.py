@@ -7,7 +7,14 @@ from typing import Any
 
 from tracer.transport.counts import Counts, DetectorCount
 
-__all__ = ["Progress", "RecordResult", "StoppedLight", "depth_limit", "stopped_notes"]
+__all__ = [
+    "OtherChannels",
+    "Progress",
+    "RecordResult",
+    "StoppedLight",
+    "depth_limit",
+    "stopped_notes",
+]
 
 STOPPED_SHARE = 1e-4
 """A larger share of light stopped by a limit is warned about."""
@@ -15,6 +22,10 @@ STOPPED_SHARE = 1e-4
 
 class StoppedLight(UserWarning):
     """A limit stopped more light than can be neglected."""
+
+
+class OtherChannels(UserWarning):
+    """A map is continued in other channels than those of its light so far."""
 
 
 def depth_limit(depth: int) -> tuple[str, str]:

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ValidationError
 
 from raymap.model.errors import SceneError
 from raymap.model.givenfile import given_text
-from raymap.model.names import nearest_names
+from raymap.model.names import meant, nearest_names
 from raymap.model.registry import Registry
 from tracer.bodies.body import Body
 from tracer.bodies.registry import BODIES
@@ -309,10 +309,10 @@ def _first_line(error: ValidationError, model: type[BaseModel], place: str) -> s
                 f'{parts[-1]}, and medium = "NAME" here'
             )
         if issubclass(model, Surface) and len(parts) == 1:
-            keys = ", ".join(name for name in model.model_fields if name != "kind")
+            keys = [name for name in model.model_fields if name != "kind"]
             return (
                 f"{key}: a {model.model_fields['kind'].default} surface has no {parts[-1]}; it "
-                f"takes {keys or 'nothing else'}"
+                f"takes {', '.join(keys) or 'nothing else'}{meant(parts[-1], keys)}"
             )
         known = dict.fromkeys(name for item in models for name in item.model_fields)
         return f"{key}: unknown key{nearest_names(parts[-1], known)}"
@@ -326,6 +326,8 @@ def _first_line(error: ValidationError, model: type[BaseModel], place: str) -> s
         message = re.sub(theirs, ours, message)
     given = problem.get("input")
     shown = f" (it is {given!r})" if isinstance(given, int | float | str) else ""
+    if problem["type"] == "literal_error" and isinstance(given, str):
+        shown += meant(given, re.findall(r"'([^']*)'", str(problem["ctx"]["expected"])))
     more = len(problems) - 1
     rest = f" [and {more} more]" if more else ""
     return f"{key}: {message}{shown}{rest}"

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from raymap.model.directory import Directory
+from raymap.model.directory import ChannelSet, Directory
 from raymap.model.errors import SceneError
 from tracer.bodies.body import Body
 from tracer.bodies.lens import LensBody
@@ -238,8 +238,22 @@ def _parts(scene: Scene, directory: Directory, channels: list[str]) -> dict[str,
     }
 
 
-def examine(scene: Scene) -> dict[str, Any]:
-    """What `raymap check` reports: bodies, media, overlaps, first-order numbers."""
+def _usual_nm(channels: ChannelSet) -> float:
+    """The d line, for light that holds it between its channels; else the middle one of these."""
+    known = sorted(channels.wavelengths_nm)
+    if channels.kind == "rgb" or known[0] <= D_LINE_NM <= known[-1]:
+        return D_LINE_NM
+    return float(known[len(known) // 2])
+
+
+def examine(scene: Scene, wavelength_nm: float | None = None) -> dict[str, Any]:
+    """What `raymap check` reports: bodies, media, overlaps, first-order numbers.
+
+    Parameters
+    ----------
+    wavelength_nm : of the first-order numbers; by default the d line, or the middle channel of a
+        scene whose light does not reach it
+    """
     from tracer.scene.compile import compile_scene
     from tracer.scene.supported import warn_of_polarised_sources
     from tracer.transport.source_check import check_sources
@@ -256,7 +270,9 @@ def examine(scene: Scene) -> dict[str, Any]:
     report["faces"] = len(compilation.arrays.face_i)
     if any(isinstance(body, LensBody) for body in scene.bodies.values()):
         try:
-            report |= asdict(first_order(scene))
+            report |= asdict(
+                first_order(scene, wavelength_nm or _usual_nm(compilation.channel_set))
+            )
         except SceneError as error:
             report["first order"] = f"not available: {error}"
     return report

@@ -318,20 +318,17 @@ def _channels(map: RayMap) -> int:
     """
     used = {portion.channel_set for portion in map.portions} or set(range(len(map.channel_sets)))
     found = {
-        (chosen.kind, chosen.wavelengths_nm)
+        (chosen.kind, chosen.wavelengths_nm): chosen
         for number, chosen in enumerate(map.channel_sets)
         if number in used
     }
     if len(found) > 1:
-        said = " and ".join(
-            "R, G, B" if kind == "rgb" else f"{', '.join(f'{nm:g}' for nm in wavelengths)} nm"
-            for kind, wavelengths in sorted(found)
-        )
+        said = " and ".join(found[key].said for key in sorted(found))
         raise RayMapError(
             f"portions of this map have different channels ({said}), of which no picture can be "
             "summed; record them as maps of their own"
         )
-    return len(found.pop()[1]) if found else 1
+    return next(iter(found.values())).n_channels if found else 1
 
 
 def _shape(map: RayMap, detector: Detector, n_layers: int) -> tuple[int, int, int]:

@@ -6,6 +6,7 @@ the index 1.51680 that Schott's catalogue gives N-BK7 at the d line.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 import warnings
@@ -54,6 +55,32 @@ def test_harmless_words_of_surfaces_are_harmless(word: str, tmp_path: Path) -> N
     lens, said = opened(tmp_path, zemax(f"{FRONT};{word} 1 2 3", BACK, IMAGE))
     assert said == []
     assert lens.design()["efl"] == pytest.approx(thick(50, -50, 5), rel=1e-5)
+
+
+@pytest.mark.parametrize("word", sorted(set(zemax_words.VALUES) - {"SCBD"}))
+def test_values_behind_those_of_a_word_are_heard(word: str, tmp_path: Path) -> None:
+    """`CONI 0 7`: what nobody reads is said, what says nothing is not."""
+    line = {
+        "TYPE": "TYPE STANDARD", "CURV": 'CURV 0.02 0 0 0 0 ""', "DISZ": "DISZ 5", "STOP": "STOP",
+        "GLAS": "GLAS N-BK7 0 0 1.5 40 0 0 0 0 0 0", "DIAM": 'DIAM 10 0 0 0 1 ""',
+        "MODE": "MODE SEQ", "UNIT": "UNIT MM X W X CM MR CPMM", "WAVM": "WAVM 1 0.5875618 1",
+        "ENPD": "ENPD 10 0", "FTYP": "FTYP 0 0 1 1 0 0 0", "PWAV": "PWAV 1", "MNUM": "MNUM 1 1",
+        "ENVD": "ENVD 20 1 0", "PZUP": "PZUP 0 0 5 0", "PPAR": "PPAR 9 0 1 0 0",
+    }.get(word, f"{word}{' 0' * zemax_words.VALUES[word]}")  # fmt: skip
+
+    def heard(end: str) -> list[str]:
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            head = word in zemax_words.WORDS_OF_HEAD
+            front = FRONT if head else f"{FRONT};{line}{end}"
+            text = zemax(front, BACK, IMAGE, head=f"{line}{end}" if head else "")
+            with contextlib.suppress(SceneError):
+                parse_zemax(text)
+        return [str(one.message) for one in said if "at the end of" in str(one.message)]
+
+    assert heard(' 0 0.0 ""') == []
+    [warned] = heard(" 7")
+    assert f": 7 at the end of {word}" in warned
 
 
 @pytest.mark.parametrize("word", sorted(zemax_words.HARMLESS_IN_HEAD))
@@ -682,3 +709,27 @@ def test_an_image_solve_that_is_switched_off_is_none(tmp_path: Path) -> None:
     lens, said = opened(tmp_path, codev(BODY.replace("SI", "PIM NO\nSI")), ".seq")
     assert said == []
     assert lens.sequence.z[-1] == 51.0
+
+
+def test_a_sphere_has_no_conic_and_no_coefficients() -> None:
+    """What a surface is said to be last is what it is."""
+    body = "S 50 5 NBK7_SCHOTT\nSTO\nASP\nK -1\nA 1e-6\n{}\nS -50 46\nSI 0 0"
+    shapes = {
+        word: parse_codev(codev(body.format(word))).surfaces[1]
+        for word in ("", "SPH", "CON", "SPH\nCON\nK -2")
+    }
+    found = {word: (shape.conic, shape.aspheric) for word, shape in shapes.items()}
+    assert found == {
+        "": (-1.0, (1e-6,)),
+        "SPH": (0.0, ()),
+        "CON": (-1.0, ()),
+        "SPH\nCON\nK -2": (-2.0, ()),
+    }
+    numbered = codev(body.format("") + "\nSPH S1")
+    assert parse_codev(numbered).surfaces[1].conic == 0.0
+
+
+@pytest.mark.parametrize("command", ["GLA S1", "GLA", "GLA S1 Z1"])
+def test_a_glass_without_a_name_is_refused(command: str) -> None:
+    with pytest.raises(SceneError, match=r"surface \d: GLA.* names no glass; AIR stands for none"):
+        parse_codev(codev(BODY.replace("S -50", f"{command}\nS -50")))

@@ -33,6 +33,15 @@ SURFACE = BALL + 'surface = "m"\n[surfaces.m]\n'
 CASES = {
     "no unit of length": ("!", r"length_unit: is missing"),
     "unknown unit": ("!furlong", r"length_unit: input should be 'mm'"),
+    "a unit with a slip": ("!mmm", r"length_unit: .*\(it is 'mmm'\); did you mean 'mm'\?"),
+    "a word of few with a slip": (
+        '[spectrum]\nkind = "spectrall"\n',
+        r"spectrum\.kind: .*; did you mean 'spectral'\?",
+    ),
+    "a key of a surface with a slip": (
+        SURFACE + 'kind = "lambertian"\nreflectanse = 0.5\n',
+        r"surfaces\.m\.reflectanse: .* it takes reflectance, .*; did you mean 'reflectance'\?",
+    ),
     "a kind where a name belongs": (
         BALL + 'surface = "mirror"',
         r"there is no surface 'mirror'; it is a kind: add \[surfaces\.mirror\] with kind",

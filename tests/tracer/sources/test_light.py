@@ -227,6 +227,7 @@ tilt_deg = 30
         ('kind = "intensity"', r"sources\.s: give one of intensity"),
         ('kind = "rays"', "give a file of rays"),
         ('kind = "rays"\nfile = "a.xyz"', "no reader for 'a.xyz'"),
+        ('kind = "rays"\nfile = "a.dis"', r"no reader for 'a\.dis' \(its name .* rays of ASAP"),
         ('kind = "intensity"\nfile = "a.ies"', "there is no file"),
         ('kind = "point"\ntilt_deg = 3', "a point source has no tilt_deg"),
         ('kind = "ring"', "needs a diameter"),

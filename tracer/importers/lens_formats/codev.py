@@ -465,6 +465,10 @@ class _Reader:
             draft.stop = True
         elif name == "K":
             draft.conic = self.value(command)
+        elif name in ("SPH", "CON"):
+            # A surface of that type has no coefficients, a sphere no conic
+            draft.terms.clear()
+            draft.conic = draft.conic if name == "CON" else 0.0
         elif name == "CUF":
             if self.value(command) != 0.0:
                 raise self.fail(
@@ -474,6 +478,8 @@ class _Reader:
             self._circle(command, draft)
         elif name == "GLA":
             draft.glass = command.take()
+            if not draft.glass:
+                raise self.fail(self.place, f"{command.shown} names no glass; AIR stands for none")
         elif name == "RMD":
             self._refract_mode(command, draft)
         elif name == "PIM":
@@ -780,7 +786,7 @@ def _item(values: list[float], index: int, default: float) -> float:
     return values[index] if index < len(values) else default
 
 
-_OF_SURFACE = {"STO", "K", "CUF", "CIR", "GLA", "RMD", "PIM", "THI", "RDY", "CUY"}
+_OF_SURFACE = {"STO", "K", "SPH", "CON", "CUF", "CIR", "GLA", "RMD", "PIM", "THI", "RDY", "CUY"}
 
 _HEAD: dict[str, Callable[[_Reader, Command], None]] = {
     "RDM": _Reader._mode,

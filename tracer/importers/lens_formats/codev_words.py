@@ -23,8 +23,6 @@ HARMLESS = {
     "YDC": _COUPLING, "ZDC": _COUPLING, "ADC": _COUPLING, "BDC": _COUPLING, "CDC": _COUPLING,
     "CUM": "the back of a mirror", "THM": "the back of a mirror", "DOR": _PROGRAM,
     "CLS": "colours of drawings", "CA": _PROGRAM, "GLO": _PROGRAM, "POL": _PROGRAM,
-    "SPH": "a sphere, as each surface is that says nothing else",
-    "CON": "announces a conic; its K follows",
     "ASP": "announces an asphere; its coefficients follow",
     "DAR": "how a decentre acts, of which there is none",
     "BEN": "how a decentre acts, of which there is none",
@@ -33,7 +31,7 @@ HARMLESS = {
 """Commands that do not change the lens, and why."""
 
 ALONE = {"GO", "SPH", "CON", "ASP", "DAR", "BEN", "REV"}
-"""Harmless commands that have no values: a word behind them may be one that changes the lens."""
+"""Commands that have no values: a word behind them may be one that changes the lens."""
 
 NOT_TAKEN = {
     "PUI": "the pupil is apodised; the sources fill it evenly",

@@ -23,6 +23,7 @@ from tracer.importers.lens_formats.zemax_words import (
     HARMLESS_IN_HEAD,
     HARMLESS_IN_SURFACES,
     TYPES,
+    VALUES,
     WORDS_OF_HEAD,
     WORDS_OF_SURFACES,
 )
@@ -157,7 +158,17 @@ class _Reader:
             return word in _OF_SURFACES or text[:1].isspace()
         return word not in _OF_HEAD and not _is_row(text.split()[1:])
 
+    def _say_of_further_values(self, line: _Line) -> None:
+        """Values behind those that a word has, unless they are zeros and empty texts."""
+        further = line.values[VALUES.get(line.word, len(line.values)) :]
+        if any(plain_number(value) != 0.0 and value != '""' for value in further):
+            self.warn(
+                f"{line.place}: {' '.join(further)} at the end of {line.shown} is not understood "
+                "and is left out"
+            )
+
     def _take_of_head(self, line: _Line) -> None:
+        self._say_of_further_values(line)
         if line.word == "WAVM" and len(line.values) >= 2:
             weight = self._number(line, 2) if len(line.values) > 2 else 1.0
             number, pair = self._integer(line, 0), (self._number(line, 1), weight)
@@ -178,6 +189,7 @@ class _Reader:
             self.unknown.setdefault(line.word, []).append(line.place)
 
     def _take_of_surface(self, block: _Block, line: _Line) -> None:
+        self._say_of_further_values(line)
         word = line.word
         if word == "PARM":
             number, value = self._integer(line, 0), self._number(line, 1)

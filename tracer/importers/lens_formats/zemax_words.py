@@ -11,6 +11,7 @@ __all__ = [
     "HARMLESS_IN_HEAD",
     "HARMLESS_IN_SURFACES",
     "TYPES",
+    "VALUES",
     "WORDS_OF_HEAD",
     "WORDS_OF_SURFACES",
 ]
@@ -72,6 +73,18 @@ WORDS_OF_SURFACES = {
     "XDAT",
 }  # fmt: skip
 """Words of surfaces that are read, those of apertures that are not round apart."""
+
+VALUES = {
+    "TYPE": 1, "CURV": 6, "CONI": 1, "PARM": 2, "DISZ": 1, "GLAS": 11, "DIAM": 6, "MEMA": 6,
+    "CLAP": 3, "FLAP": 3, "OBSC": 3, "OBDC": 2, "SCBD": 8, "STOP": 0, "MAZH": 2, "PZUP": 4,
+    "PPAR": 5,
+    "MODE": 1, "UNIT": 7, "ENPD": 2, "FNUM": 2, "OBNA": 2, "FLOA": 2, "FTYP": 7, "WAVM": 3,
+    "PWAV": 1, "ENVD": 3, "GFAC": 2, "MNUM": 2,
+}  # fmt: skip
+"""How many values words have: further ones, unless they say nothing, are warned about.
+
+The others hold text, or as many values as there are fields or wavelengths.
+"""
 
 TYPES = {
     "COORDBRK": "a coordinate break", "NONSEQCO": "a non-sequential component",
