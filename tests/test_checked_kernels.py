@@ -54,8 +54,9 @@ _KERNELS = {
     ),
     "radial.eval_radial": (
         "Law",
-        {"radial._shares", "radial.pdf_radial", "specular.around_specular"},
+        {"radial._fill_radial", "radial.pdf_radial", "specular.around_specular"},
     ),
+    "radial._fill_radial": ("Law", {"radial._shares"}),
     "tabulated.eval_tabulated": ("Law", {"bsdf.pdf_tabulated", "tabulated.towards_tabulated"}),
     "tabulated.incidence_slice": (
         "Law",
@@ -63,7 +64,7 @@ _KERNELS = {
     ),
     "tabulated.tabulated_share": (
         "Law",
-        {"bsdf.pdf_tabulated", "tabulated.sample_measured", "tabulated.shares"},
+        {"bsdf.pdf_tabulated", "tabulated.sample_measured", "tabulated._shares"},
     ),
     # Colours
     "colors.rebuild_codes": ("itself", {"stored._column_color_code"}),

@@ -23,7 +23,7 @@ class LambertianLaw(Law):
     reflectance: ByChannel
     transmittance: ByChannel = ()
 
-    def shares(self, channels: InChannels, n_i: F64, n_o: F64, cos_i: F64) -> Shares:
+    def _shares(self, channels: InChannels, n_i: F64, n_o: F64, cos_i: F64) -> Shares:
         back = constant(self.reflectance, cos_i)
         through = constant(self.transmittance or (0.0,) * len(back), cos_i)
         return back, through

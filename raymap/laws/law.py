@@ -15,12 +15,17 @@ from numpy.typing import NDArray
 from pydantic import FailFast, Field
 
 from raymap.model.entry import Entry
+from raymap.model.errors import FormatError
 
 __all__ = ["ByChannel", "InChannels", "Law", "Part", "Share", "Shares", "constant"]
 
 F64 = NDArray[np.float64]
 Shares = tuple[F64, F64]
 """(n_channels, n_angles) of the flux that goes back, and of that which goes through."""
+
+_ROUNDING = 1e-6
+"""By which shares may be off: those of thin films lie on straight lines between the nodes."""
+_WHOLE = 1.0 + _ROUNDING
 
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 ByChannel = Annotated[tuple[Share, ...], FailFast()]
@@ -61,7 +66,44 @@ class Law(Entry):
         Returns
         -------
         reflected, transmitted : (n_channels, n_angles)
+
+        Raises
+        ------
+        ValueError
+            Indices are not positive numbers, one per channel, or cosines not within 0 .. 1.
+        FormatError
+            The law says no shares of light: of other channels, or of numbers that are none.
         """
+        n = len(channels.wavelengths_nm)
+        n_i, n_o, cos_i = (np.asarray(values, np.float64) for values in (n_i, n_o, cos_i))
+        if not (n_i.shape == n_o.shape == (n,) and np.all((n_i > 0.0) & (n_o > 0.0))):
+            raise ValueError(
+                f"indices of refraction must be positive, one for each of {n} channels"
+            )
+        if cos_i.ndim != 1 or not np.all((cos_i >= 0.0) & (cos_i <= 1.0)):
+            raise ValueError("cosines of angles of incidence lie within 0 and 1")
+        # What numbers of a made-up law do is seen by what comes of them
+        try:
+            with np.errstate(all="ignore"):
+                found = self._shares(channels, n_i, n_o, cos_i)
+            shape = (n, len(cos_i))
+            parts = (*found, found[0] + found[1]) if found[0].shape == found[1].shape else ()
+            sound = bool(parts) and all(
+                part.shape == shape and np.all((part >= -_ROUNDING) & (part <= _WHOLE))
+                for part in parts
+            )
+        except ArithmeticError:
+            # Of complex numbers in compiled loops
+            sound = False
+        if not sound:
+            raise FormatError(
+                f"a law of the form {self.law!r} says no shares of light between 0 and 1 for "
+                f"each of {n} channels: its numbers were damaged or made up"
+            )
+        return found
+
+    def _shares(self, channels: InChannels, n_i: F64, n_o: F64, cos_i: F64) -> Shares:
+        """As `shares`, whose arguments and result are checked there."""
         raise NotImplementedError
 
 

@@ -42,5 +42,6 @@ def transmitted(coefficient: ArrayLike, length: ArrayLike) -> F64:
     length : of the way
     """
     mu, s = np.asarray(coefficient, np.float64), np.asarray(length, np.float64)
-    depth = np.where(s > 0.0, mu * np.where(s > 0.0, s, 1.0), 0.0)
+    with np.errstate(over="ignore"):
+        depth = np.where(s > 0.0, mu * np.where(s > 0.0, s, 1.0), 0.0)
     return np.exp(-depth)

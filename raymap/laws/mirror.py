@@ -42,7 +42,7 @@ class MirrorLaw(Law):
             raise ValueError("a mirror has a reflectance, or as many n as k")
         return self
 
-    def shares(self, channels: InChannels, n_i: F64, n_o: F64, cos_i: F64) -> Shares:
+    def _shares(self, channels: InChannels, n_i: F64, n_o: F64, cos_i: F64) -> Shares:
         """At a facet, where the mirror is rough."""
         if self.reflectance:
             reflected = constant(self.reflectance, cos_i)

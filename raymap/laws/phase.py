@@ -92,11 +92,19 @@ class PhaseLaw(Part):
         return isotropic_row(), empty
 
     def density(self, mu: ArrayLike) -> NDArray[np.float64]:
-        """(...) density [1/sr] at cosines of the angle of scattering."""
+        """(...) density [1/sr] at cosines of the angle of scattering.
+
+        Raises
+        ------
+        SceneError
+            The numbers say none.
+        """
         row, table = self.row()
         cosines = np.asarray(mu, np.float64)
-        flat = [eval_phase(row, table, float(value)) for value in cosines.ravel()]
-        return np.asarray(flat, np.float64).reshape(cosines.shape)
+        flat = np.array([eval_phase(row, table, float(value)) for value in cosines.ravel()])
+        if not np.all(np.isfinite(flat) & (flat >= 0.0)):
+            raise SceneError(f"phase function {self.kind!r}: its numbers say no density")
+        return flat.reshape(cosines.shape)
 
 
 @lean_kernel
@@ -222,7 +230,7 @@ def tabulated_phase(
     label = f"phase function of {name!r}" if name else "phase function"
     if angle.ndim != 1 or angle.size < 2 or angle.shape != value.shape:
         raise SceneError(f"{label}: needs two or more angles and as many values")
-    if not (np.all(np.diff(angle) > 0.0) and angle[0] == 0.0 and angle[-1] == 180.0):
+    if not (np.all(angle[1:] > angle[:-1]) and angle[0] == 0.0 and angle[-1] == 180.0):
         raise SceneError(
             f"{label}: angles must rise from 0 to 180 degrees without gaps, they run from "
             f"{angle[0]:g} to {angle[-1]:g}"
@@ -231,7 +239,10 @@ def tabulated_phase(
         raise SceneError(f"{label}: values must be finite, not negative and not all 0")
     mu = np.cos(np.radians(angle))[::-1].copy()
     mu[0], mu[-1] = -1.0, 1.0
-    p = value[::-1]
+    if not np.all(mu[1:] > mu[:-1]):
+        raise SceneError(f"{label}: angles are so close that their cosines are equal")
+    # Scaled first, so that sums of the largest and of the smallest numbers are numbers
+    p = value[::-1] / value.max()
     parts = math.pi * (p[1:] + p[:-1]) * np.diff(mu)
     total = float(parts.sum())
     cumulative = np.concatenate(([0.0], np.cumsum(parts) / total))

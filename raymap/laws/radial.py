@@ -113,6 +113,12 @@ def eval_radial(table: F64, first: int, rho: float) -> float:
 
 
 @lean_kernel
+def _fill_radial(table: F64, rho: F64, values: F64) -> None:
+    for i in range(rho.size):
+        values[i] = eval_radial(table, 0, rho[i])
+
+
+@lean_kernel
 def scatter_share(table: F64, first: int, beta: float) -> float:
     """Total integrated scatter TIS for a specular ray whose projection has length ``beta``."""
     x = min(1.0, max(0.0, beta)) * (_ANGLES - 1)
@@ -133,7 +139,8 @@ def abg(
     if not (math.isfinite(g) and g >= 0.0):
         raise SceneError(f"ABg scattering: g must not be negative, got {g:g}")
     x = _ratio(wavelength_nm, reference_nm)
-    scaled_a, scaled_b = a * x ** (g - 4.0), b * x**g
+    with np.errstate(all="ignore"):
+        scaled_a, scaled_b = a * x ** (g - 4.0), b * x**g
     return lambda rho: scaled_a / (scaled_b + rho**g)
 
 
@@ -148,7 +155,8 @@ def harvey_shack(
     if not (math.isfinite(s) and s <= 0.0):
         raise SceneError(f"Harvey–Shack scattering: s must not be positive, got {s:g}")
     x = _ratio(wavelength_nm, reference_nm)
-    scaled_b, scaled_width = b * x**-4.0, width * x
+    with np.errstate(all="ignore"):
+        scaled_b, scaled_width = b * x**-4.0, width * x
     return lambda rho: np.asarray(scaled_b * (1.0 + (rho / scaled_width) ** 2) ** (0.5 * s))
 
 
@@ -165,6 +173,25 @@ def radial_table(law: Callable[[F64], F64], *, name: str = "") -> F64:
     SceneError
         if the law is not positive and finite, or scatters more light than arrives at some angle
     """
+    # What numbers of a made-up law do is seen by what comes of them
+    with np.errstate(all="ignore"):
+        table = _filled_table(law, name)
+    if not np.all(np.isfinite(table)):
+        raise SceneError(f"surface {name!r}: its scattering law must be positive and finite")
+    shares = table[RADIAL_HEAD + 2 * RADIAL_NODES :]
+    worst = int(np.argmax(shares))
+    if shares[worst] > 1.0:
+        angle = math.degrees(math.asin(worst / (_ANGLES - 1)))
+        raise SceneError(
+            f"surface {name!r} scatters {shares[worst]:.4g} times the light that arrives at "
+            f"{angle:.0f} degrees: its total integrated scatter must not exceed 1; lower its "
+            "amplitude"
+        )
+    return table
+
+
+def _filled_table(law: Callable[[F64], F64], name: str) -> F64:
+    """As `radial_table`, without looking at what comes of it."""
     smallest = _flat_below(law)
     step = math.log(RADIAL_REACH / smallest) / (RADIAL_NODES - 1)
     rho = smallest * np.exp(step * np.arange(RADIAL_NODES))
@@ -181,15 +208,6 @@ def radial_table(law: Callable[[F64], F64], *, name: str = "") -> F64:
     table[RADIAL_HEAD : RADIAL_HEAD + RADIAL_NODES] = values
     table[RADIAL_HEAD + RADIAL_NODES : RADIAL_HEAD + 2 * RADIAL_NODES] = cumulative / cumulative[-1]
     table[RADIAL_HEAD + 2 * RADIAL_NODES :] = _shares(table)
-    shares = table[RADIAL_HEAD + 2 * RADIAL_NODES :]
-    worst = int(np.argmax(shares))
-    if shares[worst] > 1.0:
-        angle = math.degrees(math.asin(worst / (_ANGLES - 1)))
-        raise SceneError(
-            f"surface {name!r} scatters {shares[worst]:.4g} times the light that arrives at "
-            f"{angle:.0f} degrees: its total integrated scatter must not exceed 1; lower its "
-            "amplitude"
-        )
     return table
 
 
@@ -217,8 +235,9 @@ def _shares(table: F64) -> F64:
         rho = edges[:-1, None] + half[:, None] * (1.0 + nodes)
         ratio = (rho**2 + beta**2 - 1.0) / np.maximum(2.0 * rho * beta, 1e-300)
         arc = np.arccos(np.clip(ratio, -1.0, 1.0))
-        values = np.vectorize(lambda r: eval_radial(table, 0, r), otypes=[float])(rho)
-        ring = 2.0 * arc * values * rho
+        values = np.empty(rho.size)
+        _fill_radial(table, rho.ravel(), values)
+        ring = 2.0 * arc * values.reshape(rho.shape) * rho
         core = math.pi * table[3] * table[0] ** 2 * (1.0 if beta < 1.0 else 0.5)
         shares[k] = core + float((ring * half[:, None] * weights).sum())
     return shares
@@ -233,10 +252,11 @@ def _around(inner: float, low: float, high: float) -> F64:
     return edges[(edges > low) & (edges < high)]
 
 
-def _ratio(wavelength_nm: float, reference_nm: float) -> float:
+def _ratio(wavelength_nm: float, reference_nm: float) -> np.float64:
     if wavelength_nm <= 0.0 or reference_nm <= 0.0:
-        return 1.0
-    return wavelength_nm / reference_nm
+        return np.float64(1.0)
+    with np.errstate(all="ignore"):
+        return np.float64(wavelength_nm) / reference_nm
 
 
 def _require_positive(kind: str, **values: float) -> None:

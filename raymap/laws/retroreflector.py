@@ -24,7 +24,7 @@ class RetroreflectorLaw(Law):
     reflectance: ByChannel
     spread_deg: Annotated[float, Field(ge=0.0, le=90.0)] = 0.0
 
-    def shares(self, channels: InChannels, n_i: F64, n_o: F64, cos_i: F64) -> Shares:
+    def _shares(self, channels: InChannels, n_i: F64, n_o: F64, cos_i: F64) -> Shares:
         back = constant(self.reflectance, cos_i)
         return back, np.zeros(back.shape)
 

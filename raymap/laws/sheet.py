@@ -25,7 +25,7 @@ class FilterLaw(Law):
     transmittance: ByChannel
     index: Annotated[float, Field(gt=0.0)] = 1.5
 
-    def shares(self, channels: InChannels, n_i: F64, n_o: F64, cos_i: F64) -> Shares:
+    def _shares(self, channels: InChannels, n_i: F64, n_o: F64, cos_i: F64) -> Shares:
         through = np.array(
             [
                 [filter_transmittance(t, float(c), float(n), self.index) for c in cos_i]

@@ -22,7 +22,7 @@ class FresnelLaw(Law):
     law: Literal["fresnel"] = "fresnel"
     scatter: RadialScatter | None = None
 
-    def shares(self, channels: InChannels, n_i: F64, n_o: F64, cos_i: F64) -> Shares:
+    def _shares(self, channels: InChannels, n_i: F64, n_o: F64, cos_i: F64) -> Shares:
         reflected = np.stack(
             [reflectance_column(a, b, cos_i) for a, b in zip(n_i, n_o, strict=True)]
         )
@@ -34,6 +34,6 @@ class AbsorberLaw(Law):
 
     law: Literal["absorber"] = "absorber"
 
-    def shares(self, channels: InChannels, n_i: F64, n_o: F64, cos_i: F64) -> Shares:
+    def _shares(self, channels: InChannels, n_i: F64, n_o: F64, cos_i: F64) -> Shares:
         nothing = np.zeros((len(n_i), len(cos_i)))
         return nothing, nothing

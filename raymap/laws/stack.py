@@ -57,7 +57,7 @@ class StackLaw(Law):
         layers = [layer.layer() for layer in self.layers]
         return layer_coating(first, second, layers, channels.wavelengths_nm, name=name)
 
-    def shares(self, channels: InChannels, n_i: F64, n_o: F64, cos_i: F64) -> Shares:
+    def _shares(self, channels: InChannels, n_i: F64, n_o: F64, cos_i: F64) -> Shares:
         return shares_of_tables(self.tables(channels), n_i, n_o, cos_i)
 
 
@@ -97,6 +97,19 @@ def layer_coating(
             )
         if not (math.isfinite(layer.thickness_nm) and layer.thickness_nm >= 0.0):
             raise SceneError(f"surface {name!r}: layer {number + 1} has no sound thickness")
+    if not (np.all(first > 0.0) and np.all(second > 0.0)):
+        raise SceneError(f"surface {name!r}: its layers lie between media without an index above 0")
+    with np.errstate(all="ignore"):
+        table = _stack_tables(first, second, layers, wavelengths)
+    if not np.all(np.isfinite(table)):
+        raise SceneError(
+            f"surface {name!r}: nothing can be computed of layers of such indices and thicknesses"
+        )
+    return table
+
+
+def _stack_tables(first: F64, second: F64, layers: Sequence[Layer], wavelengths: F64) -> F64:
+    """As `layer_coating`, of numbers that are in order."""
     table = np.zeros((len(wavelengths), COATING_SIZE))
     x = np.linspace(0.0, 1.0, COATING_ANGLES)
     for channel, wavelength in enumerate(wavelengths):

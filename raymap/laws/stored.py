@@ -127,9 +127,12 @@ def _parsed(form: Any, values: Any, whose: str, channel_set: ChannelSet) -> Any:
 
 def _check_channels(law: Any, whose: str, n_channels: int) -> None:
     """Refuse numbers by channel of other channels."""
-    rows = [getattr(law, name, ()) for name in _BY_CHANNEL]
-    rows += [row for layer in getattr(law, "layers", ()) for row in (layer.n, layer.k)]
-    if any(row and len(row) != n_channels for row in rows):
+    fields = type(law).model_fields
+    names = [name for name in _BY_CHANNEL if name in fields]
+    rows = [(getattr(law, name), fields[name].is_required()) for name in names]
+    for layer in getattr(law, "layers", ()):
+        rows += [(layer.n, True), (layer.k, False)]
+    if any((row or needed) and len(row) != n_channels for row, needed in rows):
         raise FormatError(f"the law of {whose} has other channels than the {n_channels} of the map")
 
 

@@ -77,7 +77,7 @@ class TableLaw(Law):
         """(n_channels, COATING_SIZE) for `coating_share`."""
         return tables_over_angle(self.angle_deg, self.reflectance, self.transmittance)
 
-    def shares(self, channels: InChannels, n_i: F64, n_o: F64, cos_i: F64) -> Shares:
+    def _shares(self, channels: InChannels, n_i: F64, n_o: F64, cos_i: F64) -> Shares:
         return shares_of_tables(self.tables(), n_i, n_o, cos_i)
 
 

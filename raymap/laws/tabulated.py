@@ -57,7 +57,7 @@ class TabulatedLaw(Law):
     reflected: MeasuredBsdf | None = None
     transmitted: MeasuredBsdf | None = None
 
-    def shares(self, channels: InChannels, n_i: F64, n_o: F64, cos_i: F64) -> Shares:
+    def _shares(self, channels: InChannels, n_i: F64, n_o: F64, cos_i: F64) -> Shares:
         sides = []
         for side in (self.reflected, self.transmitted):
             if side is None:
@@ -167,18 +167,24 @@ def tabulated_bsdf(
     SceneError
         if angles are not in order, values negative, or more light is scattered than arrives
     """
-    theta_i, theta_o = np.asarray(theta_i_deg, np.float64), np.asarray(theta_o_deg, np.float64)
-    phi, f = np.asarray(phi_deg, np.float64), np.asarray(values, np.float64)
     label = f"surface {name!r}: its BSDF table"
+    theta_i, theta_o = np.asarray(theta_i_deg, np.float64), np.asarray(theta_o_deg, np.float64)
+    phi = np.asarray(phi_deg, np.float64)
+    try:
+        f = np.asarray(values, np.float64)
+    except ValueError:
+        raise SceneError(f"{label} has rows of different lengths") from None
     if f.shape != (theta_i.size, theta_o.size, phi.size):
         raise SceneError(
             f"{label} needs {theta_i.size} x {theta_o.size} x {phi.size} values, got {f.shape}"
         )
     for angles, what in ((theta_i, "angles of incidence"), (theta_o, "angles of scattering")):
-        if angles.size == 0 or np.any(np.diff(angles) <= 0.0):
+        if angles.size == 0 or np.any(angles[1:] <= angles[:-1]):
             raise SceneError(f"{label}: {what} must rise")
         if angles[0] < 0.0 or angles[-1] > 90.0:
             raise SceneError(f"{label}: {what} lie within 0 and 90 degrees")
+    if phi.size == 0 or not np.all((phi >= 0.0) & (phi <= 360.0)):
+        raise SceneError(f"{label}: azimuths lie within 0 and 360 degrees")
     if not (np.all(np.isfinite(f)) and np.all(f >= 0.0)):
         raise SceneError(f"{label}: values must be finite and not negative")
     span, columns = _azimuths(phi, f, label)
@@ -187,8 +193,9 @@ def tabulated_bsdf(
     edges = np.concatenate(([0.0], middles, [1.0]))
     n_phi = columns.shape[2]
     projected = 0.5 * np.diff(edges)[:, None] * (2.0 * math.pi / n_phi) * np.ones(n_phi)
-    flux = columns * projected
-    shares = flux.sum(axis=(1, 2))
+    with np.errstate(over="ignore"):
+        flux = columns * projected
+        shares = flux.sum(axis=(1, 2))
     worst = int(np.argmax(shares))
     if shares[worst] > 1.0 + 1e-9:
         raise SceneError(

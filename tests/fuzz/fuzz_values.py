@@ -15,19 +15,13 @@ in another process, whose end by a signal is a finding like any other.
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import copy
 import dataclasses
 import json
-import os
 import random
 import struct
 import sys
-import tempfile
-import time
-import traceback
-import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -53,7 +47,7 @@ from raymap.bytes.streams import STORED, WHOLE, decode_column, kind_of  # noqa: 
 from raymap.file.repair import repair  # noqa: E402
 from raymap.file.verify import verify  # noqa: E402
 from tests.fuzz.questions import ask  # noqa: E402
-from tests.fuzz.supervised import Counts, Progress, supervise  # noqa: E402
+from tests.fuzz.supervised import command_line  # noqa: E402
 from tests.raymap.compact import write_compactly  # noqa: E402
 from tests.raymap.maps import COLORED, RGB, portion_at, small_directory, write_small  # noqa: E402
 
@@ -398,6 +392,13 @@ def _change_text(stream: Stream, dice: random.Random) -> None:
     except ValueError:
         # Another change put something else here
         return
+    change_text(data, dice)
+    stream.values = np.frombuffer(json.dumps(data).encode(), np.uint8)
+    stream.kind, stream.width = 0, 1
+
+
+def change_text(data: object, dice: random.Random) -> None:
+    """Change one value within lists and tables."""
     leaves: list[tuple[object, object]] = []
     _walk(data, leaves)
     if not leaves:
@@ -408,11 +409,11 @@ def _change_text(stream: Stream, dice: random.Random) -> None:
         del owner[key]
     elif isinstance(old, list) and old and dice.random() < 0.5:
         old.append(copy.deepcopy(dice.choice(old)))
+    elif isinstance(old, float) and dice.random() < 0.5:
+        owner[key] = old * dice.choice((-1.0, 0.5, 2.0, 1e-3, 1e3, 1e-160, 1e160))
     else:
         numbers = (0, -1, 1, 2, 1.5, 1e308, -1e308, 2**31 - 1, 2**31, 2**63, 2**200, 65535, 65536)
         owner[key] = dice.choice((*numbers, None, "", "x", "sensor", [], {}, [old], True))
-    stream.values = np.frombuffer(json.dumps(data).encode(), np.uint8)
-    stream.kind, stream.width = 0, 1
 
 
 def _walk(data: object, leaves: list[tuple[object, object]]) -> None:
@@ -502,71 +503,5 @@ def _equal(a: list[Part], b: list[Part]) -> bool:
     )
 
 
-def run(
-    seconds: float,
-    first: int,
-    folder: Path,
-    *,
-    cases: int | None = None,
-    progress: Progress | None = None,
-) -> Counts:
-    """Cases for some time; prints what fails with the number that repeats it."""
-    all_seeds = seeds(folder)
-    # A warning of NumPy on somebody's terminal is no clear line
-    warnings.simplefilter("error", RuntimeWarning)
-    path = folder / "changed.raymap"
-    begin, number = time.monotonic(), first
-    counts = {"cases": 0, "changes": 0, "failures": 0}
-    while time.monotonic() - begin < seconds and counts["cases"] != cases:
-        if progress is not None:
-            progress.begin(number, counts)
-        dice = random.Random(number)
-        try:
-            counts["changes"] += one_case(dice.choice(all_seeds), dice, path)
-        except Exception:
-            counts["failures"] += 1
-            print(f"case {number}:\n{traceback.format_exc()}", flush=True)
-            if counts["failures"] > 1000:
-                break
-        counts["cases"] += 1
-        number += 1
-    if progress is not None:
-        progress.begin(number, counts)
-    return counts
-
-
-def _in_memory() -> str | None:
-    """A folder whose files lie in memory, where the system has one."""
-    return "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
-
-
-def main() -> int:
-    """Command line: 1 where something failed."""
-    parser = argparse.ArgumentParser(description="Fuzz maps with valid checksums.")
-    parser.add_argument("seconds", type=float, nargs="?", default=3600.0)
-    parser.add_argument("--first", type=int, default=0, help="number of the first case")
-    parser.add_argument("--cases", type=int, help="stop after so many, in this process")
-    parser.add_argument("--progress", type=Path, help=argparse.SUPPRESS)
-    given = parser.parse_args()
-    if os.environ.get("NUMBA_BOUNDSCHECK") != "1":
-        print("without NUMBA_BOUNDSCHECK=1 loops that leave their arrays go unseen", flush=True)
-    with tempfile.TemporaryDirectory(prefix="raymap-values-", dir=_in_memory()) as name:
-        folder = Path(name)
-        if given.cases is not None or given.progress is not None:
-            progress = None if given.progress is None else Progress(given.progress)
-            counts = run(given.seconds, given.first, folder, cases=given.cases, progress=progress)
-        else:
-            counts = supervise(_worker, given.first, given.seconds, folder)
-    print(counts, flush=True)
-    return int(counts["failures"] > 0 or counts.get("crashes", 0) > 0)
-
-
-def _worker(first: int, seconds: float, progress: Path) -> list[str]:
-    return [
-        sys.executable, str(Path(__file__).resolve()), str(seconds),
-        "--first", str(first), "--progress", str(progress),
-    ]  # fmt: skip
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(command_line(Path(__file__), seeds, one_case))

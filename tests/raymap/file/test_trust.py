@@ -331,11 +331,12 @@ def test_values_that_nobody_foresaw_are_damage_of_the_portion(tmp_path, monkeypa
             assert [damage.portion for damage in ray_map.damage] == [0]
 
 
-def test_changed_values_with_sound_checksums_crash_nothing(request):
-    """The short run of ``tests/fuzz/fuzz_values.py``, with bounds checks in all compiled loops."""
+@pytest.mark.parametrize(("name", "cases"), [("fuzz_values", 60), ("fuzz_laws", 150)])
+def test_changed_values_with_sound_checksums_crash_nothing(request, name, cases):
+    """The short run of scripts of ``tests/fuzz``, with bounds checks in all compiled loops."""
     folder = request.config.cache.mkdir(f"bounds-{fingerprint()[:12]}")
     root = Path(__file__).resolve().parents[3]
-    script = root / "tests" / "fuzz" / "fuzz_values.py"
+    script = root / "tests" / "fuzz" / f"{name}.py"
     environment = {
         **os.environ,
         "NUMBA_BOUNDSCHECK": "1",
@@ -343,14 +344,14 @@ def test_changed_values_with_sound_checksums_crash_nothing(request):
         "PYTHONPATH": str(root),
     }
     done = subprocess.run(
-        [sys.executable, str(script), "3000", "--cases", "60", "--first", "1000"],
+        [sys.executable, str(script), "3000", "--cases", str(cases), "--first", "1000"],
         env=environment,
         capture_output=True,
         text=True,
         check=False,
     )
     assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]
-    assert "'cases': 60" in done.stdout
+    assert f"'cases': {cases}" in done.stdout
 
 
 def test_stamps_are_bounded(tmp_path, monkeypatch):

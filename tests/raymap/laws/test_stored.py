@@ -14,13 +14,15 @@ from raymap.laws.lambertian import LambertianLaw
 from raymap.laws.medium import MediumLaw, transmitted
 from raymap.laws.mirror import MirrorLaw
 from raymap.laws.phase import PhaseLaw
+from raymap.laws.radial import RadialScatter
 from raymap.laws.sheet import FilterLaw
 from raymap.laws.smooth import FresnelLaw
 from raymap.laws.stack import StackLaw, StoredLayer
 from raymap.laws.stored import FORMS, laws_of, stored_laws
 from raymap.laws.table import TableLaw
+from raymap.laws.tabulated import MeasuredBsdf, TabulatedLaw
 from raymap.model.directory import ChannelSet, Directory, Medium, Source, Surface
-from raymap.model.errors import FormatError
+from raymap.model.errors import FormatError, SceneError
 
 NM = (450.0, 550.0)
 GOLDEN = Path(__file__).parents[2] / "data" / "golden" / "v1"
@@ -164,6 +166,90 @@ def test_media_by_hand() -> None:
 def test_laws_that_are_not_sound_are_refused(laws: dict[str, Any], words: str) -> None:
     with pytest.raises(FormatError, match=words):
         laws_of(directory(1), channels(laws))
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        {"law": "lambertian", "reflectance": []},
+        {"law": "filter", "transmittance": []},
+        {"law": "table", "angle_deg": [0], "reflectance": [], "transmittance": []},
+        {"law": "stack", "between": [0, 1], "layers": [{"thickness_nm": 1, "n": []}]},
+    ],
+)
+def test_laws_without_channels_are_refused(law: dict[str, Any]) -> None:
+    with pytest.raises(FormatError, match="other channels than the 2"):
+        laws_of(directory(1), channels({"surfaces": [law], "media": [None, None]}))
+
+
+SIDE = {"theta_i_deg": [0.0], "theta_o_deg": [0.0, 80.0], "phi_deg": [0.0, 180.0]}
+
+
+@pytest.mark.parametrize(
+    ("law", "words"),
+    [
+        (MirrorLaw(n=(0.0, 0.0), k=(0.0, 0.0)), "no shares of light"),
+        (StackLaw(between=(0, 1), layers=(StoredLayer(thickness_nm=1e308, n=(1.4, 1.4)),)),
+         "nothing can be computed"),
+        (TabulatedLaw(reflected=MeasuredBsdf(**SIDE, values=(((0.1, 0.1), (0.1,)),))),
+         "rows of different lengths"),
+        (TabulatedLaw(reflected=MeasuredBsdf(**SIDE, values=(((1e308, 1e308),) * 2,))),
+         "creates energy"),
+        (TabulatedLaw(reflected=MeasuredBsdf(**{**SIDE, "phi_deg": []}, values=(((), ()),))),
+         "azimuths"),
+    ],
+)  # fmt: skip
+def test_numbers_that_say_no_shares(law: Any, words: str) -> None:
+    with pytest.raises(raymap.RayMapError, match=words):
+        law.shares(channels(), np.ones(2), np.ones(2), np.array([0.0, 0.5, 1.0]))
+
+
+def test_layers_between_media_without_an_index() -> None:
+    stated = channels().model_copy(update={"refractive_index": ((0.0, 1.0), (-1.0, 1.0))})
+    with pytest.raises(SceneError, match="without an index"):
+        StackLaw(between=(0, 1), layers=()).shares(stated, np.ones(2), np.ones(2), np.ones(1))
+
+
+@pytest.mark.parametrize(
+    ("n_i", "n_o", "cosine"),
+    [([1.0], [1.0, 1.0], [1.0]), ([0.0, 1.0], [1.0, 1.0], [1.0]), ([1.0, 1.0], [1.0, 1.0], [1.1])],
+)
+def test_shares_of_what_is_no_incidence(n_i: list[float], n_o: list[float], cosine: Any) -> None:
+    with pytest.raises(ValueError, match=r"indices|cosines"):
+        FresnelLaw().shares(channels(), np.array(n_i), np.array(n_o), np.array(cosine))
+
+
+@pytest.mark.parametrize(
+    "scatter",
+    [
+        RadialScatter(abg=(0.01, 0.01, 1e5), reference_nm=1e-9),
+        RadialScatter(harvey_shack=(1e308, 1e-300, -0.1), reference_nm=633.0),
+        RadialScatter(abg=(1e308, 1e-300, 2.0)),
+    ],
+)
+def test_scatter_that_no_number_holds(scatter: RadialScatter) -> None:
+    with pytest.raises(SceneError):
+        scatter.tables(NM)
+
+
+@pytest.mark.parametrize(
+    "phase",
+    [
+        PhaseLaw(kind="henyey_greenstein", g=1.0),
+        PhaseLaw(kind="generalized", g=-1.0),
+        PhaseLaw(kind="tabulated", angle_deg=(0.0, 1e-9, 180.0), value=(1.0, 1.0, 1.0)),
+        PhaseLaw(kind="tabulated", angle_deg=(0.0, 180.0), value=(0.0, 0.0)),
+    ],
+)
+def test_phase_functions_without_a_density(phase: PhaseLaw) -> None:
+    with pytest.raises(SceneError):
+        phase.density([-1.0, 0.0, 1.0])
+
+
+def test_a_phase_function_of_the_largest_numbers() -> None:
+    """Only ratios count: as of ones."""
+    one = PhaseLaw(kind="tabulated", angle_deg=(0.0, 180.0), value=(1e308, 1e308))
+    np.testing.assert_allclose(one.density([-1.0, 0.3]), 1.0 / (4.0 * math.pi))
 
 
 def test_laws_of_a_later_version_are_none() -> None:
