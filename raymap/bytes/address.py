@@ -16,6 +16,8 @@ __all__ = ["Address", "place_of"]
 
 _PROTOCOL = re.compile(r"([A-Za-z][A-Za-z0-9+.\-]+(?:::[A-Za-z][A-Za-z0-9+.\-]+)*):(/+)(.*)", re.S)
 
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9+.\-]+")
+
 
 @dataclass(frozen=True)
 class Address:
@@ -29,6 +31,12 @@ class Address:
 
     url: str
     options: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
+
+    @property
+    def protocols(self) -> list[str]:
+        """Those that it chains, one in most addresses; ``file`` where a link is a path."""
+        links = [link.partition("://") for link in self.url.split("::")]
+        return [head if slashes or _NAME.fullmatch(head) else "file" for head, slashes, _ in links]
 
     @property
     def name(self) -> str:

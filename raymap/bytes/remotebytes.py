@@ -25,6 +25,8 @@ LARGEST = 2**62
 MOST_AT_ONCE = 2**30
 """Bytes of one request: a server may state any length, and send it."""
 _PAUSE = 0.25
+_BEFORE_OTHERS = frozenset({"async_wrapper", "dask", "dir", "generic", "reference"})
+"""Protocols of fsspec that lead to further addresses, beside caches and archives."""
 
 
 def file_system(address: Address) -> tuple[Any, str]:
@@ -39,26 +41,42 @@ def file_system(address: Address) -> tuple[Any, str]:
     """
     try:
         from fsspec.core import url_to_fs
+        from fsspec.registry import get_filesystem_class
     except ImportError:
         raise MissingExtra(
             f"{address} needs the package fsspec: pip install 'raymap[remote]'"
         ) from None
     try:
+        protocols = address.protocols
+        kinds = [get_filesystem_class(protocol) for protocol in protocols]
+        _refuse_others(kinds, address)
         found, path = url_to_fs(address.url, **address.options)
+    except NotARayMap:
+        raise
     except ImportError as error:
         raise MissingExtra(f"{address} cannot be opened: {_line(error)}") from None
     except Exception as error:  # whatever a file system raises about its options
         raise NotARayMap(f"{address} cannot be opened: {_line(error)}") from None
-    _refuse_archives(found, address)
     return found, path
 
 
-def _refuse_archives(system: Any, address: Address) -> None:
-    """Refuse maps inside of archives, of which any byte may cost unpacking all before it."""
-    from fsspec.archive import AbstractArchiveFileSystem
+def _refuse_others(kinds: list[type], address: Address) -> None:
+    """Refuse file systems that stand before others, before any of them is made.
 
-    if isinstance(system, AbstractArchiveFileSystem):
+    Of archives any byte may cost unpacking all before it; caches put whole files, of any length,
+    on this disk; references are a stranger's list of further addresses, this machine's files too.
+    """
+    from fsspec.archive import AbstractArchiveFileSystem
+    from fsspec.implementations.cached import CachingFileSystem
+
+    if any(issubclass(kind, AbstractArchiveFileSystem) for kind in kinds):
         raise NotARayMap(f"{address} lies in an archive; unpack it, and open the map itself")
+    cached = any(issubclass(kind, CachingFileSystem) for kind in kinds)
+    if cached or len(kinds) > 1 or not _BEFORE_OTHERS.isdisjoint(address.protocols):
+        raise NotARayMap(
+            f"{address} leads to a file through other file systems (a cache, references); open the "
+            "map at its own address, of which only the bytes that are needed come over, or copy it"
+        )
 
 
 def map_addresses(folder: Address, suffix: str) -> list[Address] | None:

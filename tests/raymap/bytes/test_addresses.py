@@ -173,6 +173,48 @@ def test_missing_maps_and_unknown_protocols_are_refused_in_one_line(web: str) ->
         raymap.open("memory://empty")
 
 
+@pytest.mark.parametrize(
+    "chain",
+    [
+        "simplecache::{web}/shards/0.raymap",
+        "filecache::{web}/shards/0.raymap",
+        "blockcache::{web}/shards/0.raymap",
+        "simplecache::file://{folder}/0.raymap",
+        "dir::{web}/shards/0.raymap",
+        "reference::{web}/list.json",
+        "reference://0.raymap",
+        "dir:///shards/0.raymap",
+        "generic://{folder}/0.raymap",
+        "memory://a::{web}/shards/0.raymap",
+    ],
+)
+def test_what_leads_through_other_file_systems_is_refused(
+    chain: str, folder: Path, web: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Before a byte is asked for, and before one is written here."""
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    place = chain.format(web=web, folder=folder)
+    options = {"target_protocol": "file"} if place.startswith(("dir:///", "reference://")) else {}
+    for call in (
+        lambda: raymap.open(Address(place, options)),
+        lambda: upload(b"x", Address(place, options)),
+    ):
+        with pytest.raises(NotARayMap, match="other file systems") as refused:
+            call()
+        assert "\n" not in str(refused.value)
+    assert RangeHandler.sent == 0
+    assert not list(tmp_path.iterdir())
+
+
+def test_commands_refuse_caches_in_one_line(web: str, run: Any) -> None:
+    code, _, error = run("info", f"simplecache::{web}/shards/0.raymap")
+    assert code != 0
+    assert "other file systems" in " ".join(error.split())
+    assert "Traceback" not in error
+
+
 def test_a_server_without_byte_ranges_is_named(folder: Path, web: str) -> None:
     RangeHandler.serves_ranges = False
     with pytest.raises(NotARayMap, match="serves byte ranges"):
