@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from query.answers.selections.explanation import Explanation, explain
     from query.answers.selections.selection import Selection
     from query.answers.selections.selector import select, select_many
+    from query.answers.what_if.effect import Effect, effect, what_if
     from query.atoms.angle_of_polarisation import angle_of_polarisation
     from query.atoms.bounces import bounces
     from query.atoms.count import count
@@ -103,6 +104,9 @@ _LAZY = {
     "sweep": "query.answers.reports.sweeps",
     "translate": "query.answers.filter_strings",
     "wavelength": "query.atoms.wavelength",
+    "what_if": "query.answers.what_if.effect",
+    "effect": "query.answers.what_if.effect",
+    "Effect": "query.answers.what_if.effect",
     "write_image": "query.answers.images.image_files",
     "write_ray_file": "query.answers.reports.rays_at_place",
 }
@@ -112,6 +116,7 @@ __all__ = [
     "Comparison",
     "Criterion",
     "DetectorImage",
+    "Effect",
     "Event",
     "Explanation",
     "GhostMatrix",
@@ -134,6 +139,7 @@ __all__ = [
     "detected",
     "detector_image",
     "detector_images",
+    "effect",
     "ellipse",
     "event",
     "explain",
@@ -162,6 +168,7 @@ __all__ = [
     "sweep",
     "translate",
     "wavelength",
+    "what_if",
     "write_image",
     "write_ray_file",
 ]

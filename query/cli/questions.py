@@ -18,6 +18,7 @@ from query.cli.options import (
 )
 from query.cli.rayfile import rayfile
 from query.cli.studies import audit, compare, ghosts, illuminated, sweep
+from query.cli.what_if import what_if
 from raymap.cli.options import Json, MapPath, Panel, Strict, emit_json, opened_map
 from raymap.model.doubt import FOOTNOTE, marked, with_doubts, with_error
 
@@ -39,6 +40,7 @@ def register(app: typer.Typer) -> None:
     app.command("illuminated", rich_help_panel=Panel.ASK)(illuminated)
     app.command("sweep", rich_help_panel=Panel.ASK)(sweep)
     app.command("compare", rich_help_panel=Panel.ASK)(compare)
+    app.command("what-if", rich_help_panel=Panel.ASK)(what_if)
 
 
 def query(

@@ -131,6 +131,25 @@ class StoredPortion(PortionGeometry):
             raise self._damaged("a colour sums to more than one")
         return np.concatenate((stored, last[:, None].astype(np.uint16)), 1)
 
+    def carried(
+        self, rays: NDArray[Any], records: NDArray[Any], *, whole: bool
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Light on segments: weights (n,), and shares (n, n_channels) that sum to 1.
+
+        Parameters
+        ----------
+        rays, records : (n,) rows of the portion; the segments start at the records
+        whole : the light that goes on as the whole ray did; else all that comes along there. Only
+            where rays are weighed anew does it matter (`raymap.passes.revised`).
+        """
+        del whole
+        codes = self._column_color_code()[records]
+        shares = self.color_codes(codes).colors() / COLOR_SCALE
+        weight = np.ones(len(records))
+        if self.has_weights:
+            weight = self.column("weight")[rays].astype(np.float64)
+        return weight, shares
+
     @decodes
     def read(self) -> Portion:
         """Everything."""

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import FailFast, Field, model_validator
 
+from raymap.jit.kernels import lean_kernel
 from raymap.laws.law import ByChannel, InChannels, Law, Shares, constant
 from raymap.laws.radial import RadialScatter
 from raymap.optics.fresnel import fresnel_conductor
@@ -53,8 +54,13 @@ class MirrorLaw(Law):
 
 def metal_shares(n_i: F64, n: tuple[float, ...], k: tuple[float, ...], cos_i: F64) -> F64:
     """(n_channels, n_angles) reflectance of a metal."""
-    rows = [
-        [fresnel_conductor(float(outside), a, b, float(cosine)) for cosine in cos_i]
-        for outside, a, b in zip(n_i, n, k, strict=True)
-    ]
-    return np.array(rows, np.float64).reshape(len(n), len(cos_i))
+    found = np.empty((len(n), len(cos_i)))
+    for channel, (outside, a, b) in enumerate(zip(n_i, n, k, strict=True)):
+        _fill_reflectance(float(outside), a, b, np.asarray(cos_i, np.float64), found[channel])
+    return found
+
+
+@lean_kernel
+def _fill_reflectance(n_i: float, n: float, k: float, cos_i: F64, found: F64) -> None:
+    for i in range(len(cos_i)):
+        found[i] = fresnel_conductor(n_i, n, k, cos_i[i])

@@ -83,13 +83,13 @@ class TableLaw(Law):
 
 def shares_of_tables(tables: F64, n_i: F64, n_o: F64, cos_i: F64) -> Shares:
     """(n_channels, n_angles) reflectance and transmittance of tables, one per channel."""
-    found = np.array(
-        [
-            [coating_share(table, 0, float(a), float(b), float(c)) for c in cos_i]
-            for table, a, b in zip(tables, n_i, n_o, strict=True)
-        ]
-    ).reshape(len(tables), len(cos_i), 2)
-    return found[..., 0], found[..., 1]
+    reflected, transmitted = np.empty((2, len(tables), len(cos_i)))
+    for channel, table in enumerate(tables):
+        _fill_shares(
+            table, float(n_i[channel]), float(n_o[channel]), np.asarray(cos_i, np.float64),
+            reflected[channel], transmitted[channel],
+        )  # fmt: skip
+    return reflected, transmitted
 
 
 @lean_kernel
@@ -122,6 +122,14 @@ def coating_share(
         column, x = 1, math.sqrt(square)
     reflected = _at(tables, first + column * COATING_ANGLES, x)
     return reflected, _at(tables, first + 2 * COATING_ANGLES, x)
+
+
+@lean_kernel
+def _fill_shares(
+    table: F64, n_i: float, n_o: float, cos_i: F64, reflected: F64, transmitted: F64
+) -> None:
+    for i in range(len(cos_i)):
+        reflected[i], transmitted[i] = coating_share(table, 0, n_i, n_o, cos_i[i])
 
 
 @inner_kernel

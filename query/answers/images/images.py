@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from query.answers.images.binning import block_sums, coarser
 from query.answers.images.lit import LitCells
 from query.answers.images.pictures import DetectorImage
-from query.answers.paths.peaks import codes_at, registrations
+from query.answers.paths.peaks import registrations
 from query.answers.selections.selector import bind_all
 from query.engine.bound import BoundNode
+from query.engine.light import light_at, records_at
 from query.engine.scan import Cancel, Progress, Scan
 from query.engine.search import Found
 from query.engine.second_try import asked_again
@@ -25,7 +26,7 @@ from raymap.model.limits import PICTURE_FLOOR, PICTURE_PER_BYTE, affordable
 from raymap.model.rows import squares_by_emission
 from raymap.optics.cells import is_pinhole
 from raymap.optics.fluxes import variances
-from raymap.optics.photometry import Photometry, colors_of_codes
+from raymap.optics.photometry import Photometry
 
 if TYPE_CHECKING:
     from raymap.file.reader import RayMap
@@ -101,11 +102,16 @@ def detector_images(
     if plain and (not map.rays or is_pinhole(map.directory.detectors[index])):
         return {name: _from_results(map, seen, bin) for name in layers}
     emitted = map.emitted
-    sums, scan = _accumulate(map, nodes, (index, bin), shape, emitted, threads, progress, cancel)
+    chosen = [value is not None for value in layers.values()]
+    sums, scan = _accumulate(
+        map, nodes, chosen, (index, bin), shape, emitted, threads, progress, cancel
+    )
     if scan.complete and (scan.emitted != emitted).any():
         # Damage was met on the way: the emitted rays of what was lost do not count.
         emitted = scan.emitted
-        sums, scan = _accumulate(map, nodes, (index, bin), shape, emitted, threads, None, cancel)
+        sums, scan = _accumulate(
+            map, nodes, chosen, (index, bin), shape, emitted, threads, None, cancel
+        )
     share = 1.0 if scan.complete else float(emitted.sum() / max(int(scan.emitted.sum()), 1))
     used = min({portion.channel_set for portion in map.portions} or {0})
     light = map.photometry(used)
@@ -137,6 +143,7 @@ def detector_images(
 def _accumulate(
     map: RayMap,
     nodes: list[BoundNode],
+    chosen: list[bool],
     detector: tuple[int, int],
     shape: tuple[int, int, int],
     emitted: NDArray[np.int64],
@@ -144,14 +151,21 @@ def _accumulate(
     progress: Callable[[Progress], None] | None,
     cancel: Cancel,
 ) -> tuple[list[_Sums], Scan]:
-    """Sums of cells, per criterion, in one pass; ``detector``: its number, side of blocks."""
+    """Sums of cells, per criterion, in one pass.
+
+    Parameters
+    ----------
+    chosen : whether each of the nodes is a criterion, by which whole rays are chosen
+    detector : its number, and the side of blocks of cells
+    """
     sums = [_Sums(shape, len(map.directory.sources)) for _ in nodes]
     width = shape[1]
 
     def visit(found: Found) -> list[_Cells | None]:
         light = map.photometry(found.portion.channel_set)
         return [
-            _cells(found, number, detector, width, light, emitted) for number in range(len(nodes))
+            _cells(found, number, detector, width, light, emitted, whole=chosen[number])
+            for number in range(len(nodes))
         ]
 
     def take(_: int, product: list[_Cells | None]) -> None:
@@ -255,8 +269,13 @@ def _cells(
     width: int,
     light: Photometry,
     emitted: NDArray[np.int64],
+    *,
+    whole: bool,
 ) -> _Cells | None:
-    """Light of the matching rays per cell, in worker threads."""
+    """Light of the matching rays per cell, in worker threads.
+
+    ``whole`` : of light that goes on as the whole ray did, as a criterion asks
+    """
     rays, descriptors = registrations(found, number, detector[0])
     if not len(rays):
         return None
@@ -264,17 +283,15 @@ def _cells(
     place = portion.column("cell")[descriptors].astype(np.int64) // detector[1]
     source = found.paths.base.source[found.paths.of_ray[rays]]
     watt = light.radiant_factors(emitted)[source]
-    if portion.has_weights:
-        watt = watt * portion.column("weight")[rays]
-    code = codes_at(portion, descriptors)
-    amounts = light.amounts(colors_of_codes(portion.color_table(), len(light.efficacy)))
+    records = records_at(portion, descriptors)
+    amounts = watt[:, None] * light_at(portion, light, rays, records, whole=whole)
     cell, inverse = np.unique(place[:, 1] * width + place[:, 0], return_inverse=True)
     sums = np.empty((len(cell), amounts.shape[1]))
     for channel in range(amounts.shape[1]):
-        sums[:, channel] = np.bincount(inverse, watt * amounts[code, channel], len(cell))
+        sums[:, channel] = np.bincount(inverse, amounts[:, channel], len(cell))
     fluxes = {
-        "W": watt * amounts.sum(axis=1)[code],
-        "lm": watt * (amounts @ light.efficacy)[code],
+        "W": amounts.sum(axis=1),
+        "lm": amounts @ light.efficacy,
     }
     emission = portion.column("emission")[rays] if portion.grouped else rays
     squares = {unit: _squares(inverse, flux, emission, len(cell)) for unit, flux in fluxes.items()}

@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 
 from query.answers.path_keys import Keys, path_keys
 from query.engine.bound import BoundNode
+from query.engine.light import light_at, records_at
 from query.engine.scan import Cancel, Scan
 from query.engine.search import Found
 from query.engine.second_try import asked_again
 from query.engine.tally import sums
-from raymap.optics.photometry import colors_of_codes
 
 if TYPE_CHECKING:
     from raymap.file.reader import RayMap
 
-__all__ = ["codes_at", "find_peaks", "registrations"]
+__all__ = ["find_peaks", "registrations"]
 
 Ints = NDArray[np.integer]
 Floats = NDArray[np.float64]
@@ -39,15 +39,6 @@ def registrations(found: Found, number: int, detector: int) -> tuple[Ints, NDArr
     rows = context.descriptor_rows
     descriptors: NDArray[np.int64] = hits if rows is None else rows[hits].astype(np.int64)
     return rays[owner], descriptors
-
-
-def codes_at(portion: Any, descriptors: NDArray[np.int64]) -> NDArray[np.int32]:
-    """Colour codes of the segments that met a detector, by the rows of their descriptors."""
-    first, counts = portion.column("first_descriptor"), portion.column("descriptor_count")
-    met = np.flatnonzero(counts)
-    record = met[np.searchsorted(first[met], descriptors, side="right") - 1]
-    codes: NDArray[np.int32] = portion.column("color_code")[record]
-    return codes
 
 
 @asked_again
@@ -81,10 +72,8 @@ def find_peaks(
         portion = found.portion
         light = map.photometry(portion.channel_set)
         watt = light.radiant_factors(emitted)[found.paths.base.source[paths]]
-        if portion.has_weights:
-            watt = watt * portion.column("weight")[rays]
-        amounts = light.amounts(colors_of_codes(portion.color_table(), len(light.efficacy)))
-        flux = light.flux_by_channel(amounts).sum(axis=1)[codes_at(portion, descriptors)]
+        amounts = light_at(portion, light, rays, records_at(portion, descriptors))
+        flux = light.flux_by_channel(amounts).sum(axis=1)
         code = (rows_of(mine).astype(np.int64) * height + cells[:, 1]) * width + cells[:, 0]
         return _summed(code, watt * flux)
 

@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from query.answers.images.narrow import narrow
+from query.engine.light import light_at
 from query.expression.names import FaceNames, ObjectMatch, match_objects
 from raymap import rayfiles
 from raymap.model.directory import ChannelSet
 from raymap.model.errors import RayMapError
-from raymap.optics.photometry import Photometry, channel_xyz, colors_of_codes
+from raymap.optics.photometry import Photometry, channel_xyz
 from raymap.rayfiles import RaySet
 
 if TYPE_CHECKING:
@@ -83,22 +84,20 @@ def rays_at(
         random = np.random.default_rng([seed, index])
         light = ray_map.photometry(stored.channel_set)
         watt = light.radiant_factors(selection.emitted)[stored.column("source")[owner]]
-        if stored.has_weights:
-            watt = watt * stored.column("weight")[owner]
         position = stored.column("position")
-        codes = stored.column("color_code")
-        palette = _palette(stored, light, ray_map.channel_sets[stored.channel_set])
+        records = end if leaving else end - 1
+        amounts = light_at(stored, light, owner, records)
+        palette = _palette(amounts, light, ray_map.channel_sets[stored.channel_set])
         for first in range(0, len(end), _BLOCK):
             part = slice(first, first + _BLOCK)
             point, direction, sound = _lines(position, end[part], place, leaving, before)
-            record = end[part] if leaving else end[part] - 1
             yield _ray_set(
                 ray_map,
                 point[sound],
                 direction[sound],
                 watt[part][sound],
                 palette,
-                codes[record][sound],
+                np.arange(len(end))[part][sound],
                 color,
                 random,
             )
@@ -245,13 +244,13 @@ def _lines(
 
 @dataclass(frozen=True, eq=False)
 class _Palette:
-    """What a watt of each colour code is.
+    """What the light of each meeting is, of a watt of its source's flux per ray.
 
     Attributes
     ----------
-    flux : (n_codes,) in the unit of the map
-    by_channel : (n_codes, n_channels) how that is shared out to the channels
-    xyz : (n_codes, 3) tristimulus values, Y in lumen
+    flux : (n,) in the unit of the map
+    by_channel : (n, n_channels) how that is shared out to the channels
+    xyz : (n, 3) tristimulus values, Y in lumen
     wavelength_nm : (n_channels,)
     """
 
@@ -261,8 +260,7 @@ class _Palette:
     wavelength_nm: Floats
 
 
-def _palette(stored: Any, light: Photometry, channels: ChannelSet) -> _Palette:
-    amounts = light.amounts(colors_of_codes(stored.color_table(), channels.n_channels))
+def _palette(amounts: Floats, light: Photometry, channels: ChannelSet) -> _Palette:
     by_channel = light.flux_by_channel(amounts)
     flux = by_channel.sum(axis=1)
     return _Palette(
@@ -279,22 +277,22 @@ def _ray_set(
     direction: Floats,
     watt: Floats,
     palette: _Palette,
-    codes: NDArray[np.int32],
+    meetings: NDArray[np.int64],
     color: Coloring,
     random: np.random.Generator,
 ) -> RaySet:
     directory = ray_map.directory
     wavelength = xyz = None
-    flux = watt * palette.flux[codes]
+    flux = watt * palette.flux[meetings]
     if color == "wavelength":
         # Draw a channel in proportion to its share of the flux
         levels = np.cumsum(palette.by_channel, axis=1)
-        drawn = (random.random(len(codes))[:, None] >= levels[codes, :-1]).sum(axis=1)
+        drawn = (random.random(len(meetings))[:, None] >= levels[meetings, :-1]).sum(axis=1)
         wavelength = narrow(palette.wavelength_nm[drawn])
     elif color == "xyz":
         if directory.flux_unit != "lm":
             raise RayMapError("tristimulus values go with flux in lumen; this map is in watt")
-        values = palette.xyz[codes] * watt[:, None]
+        values = palette.xyz[meetings] * watt[:, None]
         values[:, 1] = flux
         xyz = narrow(values)
     return RaySet(

@@ -1,0 +1,1 @@
+"""What a recorded map would show if something were changed."""

@@ -1,0 +1,98 @@
+"""``raymap what-if``: changes to a recorded map, answered without tracing."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from query.cli.options import Criterion, Filter, Threads, read_criterion
+from raymap.cli.options import Json, MapPath, Strict, emit_json, opened_map
+from raymap.model.doubt import FOOTNOTE, MARK, marked, with_error
+
+if TYPE_CHECKING:
+    from query.answers.what_if.effect import Effect
+
+__all__ = ["what_if"]
+
+
+def what_if(
+    map: MapPath,
+    criterion: Criterion = None,
+    set: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            help="A change: L5.back.reflectance=0.5%, seat*.black=true, lamp.flux=2; repeatable.",
+        ),
+    ] = None,
+    top: Annotated[
+        int, typer.Option(min=0, help="Rows of the table of paths that changed most.")
+    ] = 10,
+    filter_string: Filter = False,
+    threads: Threads = None,
+    json: Json = False,
+    strict: Strict = False,
+) -> None:
+    """Ask what other coatings, surfaces, media or sources would change, without tracing."""
+    from query.answers.what_if.changes import parse_setting
+    from query.answers.what_if.effect import changed_paths, effect
+    from query.answers.what_if.effect import what_if as revise
+    from raymap.model.errors import RayMapError
+
+    if not set:
+        raise RayMapError(
+            "nothing is changed: add --set NAME.WHAT=VALUE, as --set L5.back.reflectance=0.5%"
+        )
+    changes = dict(parse_setting(each) for each in set)
+    with opened_map(map, strict) as ray_map:
+        wanted: Any = read_criterion(criterion, ray_map, filter_string)
+        view = revise(ray_map, changes)
+        found = effect(ray_map, view, wanted, threads=threads)
+        rows = changed_paths(ray_map, view, wanted, top, threads=threads) if top else []
+        unit = ray_map.directory.flux_unit
+    if json:
+        emit_json({**found.to_json(), "changes": changes, "paths": rows})
+        return
+    _print(found, rows, unit)
+
+
+def _print(found: Effect, rows: list[dict[str, Any]], unit: str) -> None:
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    from query.answers.what_if.effect import FEWEST
+
+    console = Console(soft_wrap=True, highlight=False)
+    shown = {
+        "before": with_error(found.before.flux, found.before.se, f" {unit}"),
+        "after": with_error(found.after.flux, found.after.se, f" {unit}"),
+        "difference": with_error(found.difference, found.difference_se, f" {unit}"),
+    }
+    for name, text in shown.items():
+        console.print(f"{name}: {text}")
+    if found.ratio is not None:
+        console.print(f"after / before: {found.ratio:.5g}")
+    weak = f"; fewer than {FEWEST}, so that the error is not to be relied on" if found.weak else ""
+    console.print(f"{found.rays:,} rays, as good as {found.effective:,.0f} of equal weight{weak}")
+    for each in found.opened:
+        console.print(
+            f"never drawn: light {each.branch} at {each.face}; at most {each.flux:.3g} {unit} "
+            "would go there, and is missing above",
+            markup=False,
+        )
+    if found.impossible:
+        console.print(f"{found.impossible:,} events were taken at the nearest possible angle")
+    if rows:
+        paths = Table("path", f"before [{unit}]", f"after [{unit}]", "difference")
+        for row in rows:
+            paths.add_row(
+                Text(row["path"]),
+                marked(f"{row['flux_before']:.4g}", row["flux_before"], row["flux_before_se"]),
+                marked(f"{row['flux']:.4g}", row["flux"], row["flux_se"]),
+                f"{row['difference']:+.4g}",
+            )
+        console.print(paths)
+    if any(text.endswith(MARK) for text in shown.values()) or any(row["doubtful"] for row in rows):
+        console.print(FOOTNOTE)
