@@ -34,7 +34,7 @@ from raymap.passes.branches import (
     TOTAL,
 )
 
-__all__ = ["Incidence", "Likelihoods", "is_even", "needs_index", "same_facets"]
+__all__ = ["Incidence", "Likelihoods", "is_even", "is_total", "needs_index", "same_facets"]
 
 F64 = NDArray[np.float64]
 
@@ -68,6 +68,13 @@ def is_even(law: Law, branch: int) -> bool:
         even = bool(law.reflectance) and law.scatter is None
         return even and (law.roughness == 0.0 or branch == ABSORBED)
     return isinstance(law, RetroreflectorLaw) and branch == ABSORBED
+
+
+def is_total(law: Law) -> bool:
+    """Whether all light is reflected beyond the critical angle, specularly."""
+    layered = isinstance(law, StackLaw) and not any(any(layer.k) for layer in law.layers)
+    clear = layered or isinstance(law, TableLaw | FresnelLaw)
+    return clear and getattr(law, "scatter", None) is None and not getattr(law, "roughness", 0.0)
 
 
 def needs_index(law: Law) -> bool:

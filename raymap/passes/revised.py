@@ -153,10 +153,10 @@ class RevisedPortion(StoredPortion):
     @decodes
     def paths(self) -> PathDictionary:
         """The dictionary, with sums of the new weights."""
-        own = super().paths()
-        if not self.has_paths or not self._revised.changes_weights:
-            return own
-        return self._with_sums(own)
+        if not self.has_paths:
+            return super().paths()
+        own = self.own.paths()
+        return self._with_sums(own) if self._revised.changes_weights else own
 
     def _with_sums(self, own: PathDictionary) -> PathDictionary:
         sums = self.sums()

@@ -39,11 +39,19 @@ from raymap.passes.branches import (
     SCATTERED_BACK,
     SCATTERED_THROUGH,
     THROUGH,
+    TOTAL,
     Partners,
     branch_of_events,
     media_before,
 )
-from raymap.passes.likelihoods import Incidence, Likelihoods, is_even, needs_index, same_facets
+from raymap.passes.likelihoods import (
+    Incidence,
+    Likelihoods,
+    is_even,
+    is_total,
+    needs_index,
+    same_facets,
+)
 
 __all__ = ["ChangedLaws", "MediumChange", "Reweighting", "Unseen"]
 
@@ -269,6 +277,8 @@ class Reweighting:
     def _ratios(self, kind: _Class, met: Incidence) -> F64:
         """(n_channels, n) new over old likelihood; 0 where the old law never did this."""
         old, new = self.changed.faces[kind.face]
+        if kind.branch == TOTAL and is_total(old) and is_total(new):
+            return np.ones((self.n_channels, len(met.cos_i)))
         if kind.branch in (SCATTERED_BACK, SCATTERED_THROUGH) and not same_facets(old, new):
             raise RayMapError(
                 f"the roughness of {self.directory.faces.names[kind.face]!r} cannot be changed "

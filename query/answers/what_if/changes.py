@@ -439,9 +439,10 @@ def _coating(key: str, value: Any, old: Law, channels: ChannelSet, map: RayMap) 
         given = value.get(name)
         nested = isinstance(given, list) and given and isinstance(given[0], list)
         rows[name] = given if nested else [given] * n
-    return TableLaw.model_validate(
+    table: Law = TableLaw.model_validate(
         {"angle_deg": value.get("angle_deg"), "scatter": old.scatter, **rows}
     )
+    return table
 
 
 _MAKERS: dict[str, Any] = {

@@ -8,9 +8,10 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
+from tests.viewer.test_picture import SCENES
+
 import raymap
 from tests.viewer.small_map import write_map
-from tests.viewer.test_picture import SCENES
 from viewer import picture
 
 if __name__ == "__main__":
