@@ -50,14 +50,23 @@ _KERNELS = {
     "fresnel._fill_reflectance": ("Law", {"fresnel.reflectance_column"}),
     "phase.eval_phase": (
         "Law",
-        {"phase.density", "phase.legendre_moments", "phase.pdf_phase", "pinhole._phase"},
+        {
+            "phase.density", "phase.legendre_moments", "phase.pdf_phase", "pinhole._phase",
+            "reweighting._fill_phases",
+        },
     ),
     "radial.eval_radial": (
         "Law",
-        {"radial._fill_radial", "radial.pdf_radial", "specular.around_specular"},
+        {
+            "likelihoods._around_specular", "radial._fill_radial", "radial.pdf_radial",
+            "specular.around_specular",
+        },
     ),
     "radial._fill_radial": ("Law", {"radial._shares"}),
-    "tabulated.eval_tabulated": ("Law", {"bsdf.pdf_tabulated", "tabulated.towards_tabulated"}),
+    "tabulated.eval_tabulated": (
+        "Law",
+        {"bsdf.pdf_tabulated", "likelihoods._tabulated", "tabulated.towards_tabulated"},
+    ),
     "tabulated.incidence_slice": (
         "Law",
         {"bsdf.sample_tabulated", "tabulated.eval_tabulated", "tabulated.tabulated_share"},
@@ -66,6 +75,18 @@ _KERNELS = {
         "Law",
         {"bsdf.pdf_tabulated", "tabulated.sample_measured", "tabulated._shares"},
     ),
+    "mirror._fill_reflectance": ("Law", {"mirror.metal_shares"}),
+    "table._fill_shares": ("Law", {"table.shares_of_tables"}),
+    # Rays weighed anew
+    "likelihoods._around_specular": ("Law", {"likelihoods._scattered"}),
+    "likelihoods._leave": ("Law", {"likelihoods._specular"}),
+    "likelihoods._retro": ("Law", {"likelihoods._scattered"}),
+    "likelihoods._tabulated": ("Law", {"likelihoods._scattered"}),
+    "reweighting._accumulate": ("PathColumns", {"reweighting._along"}),
+    "reweighting._fill_phases": ("Law", {"reweighting._phases"}),
+    "reweighting._fill_records": ("itself", {"reweighting._records_of"}),
+    "reweighting._meet": ("itself", {"reweighting._incidence"}),
+    "reweighting._multiply": ("itself", {"reweighting.of_rays"}),
     # Colours
     "colors.rebuild_codes": ("itself", {"stored._column_color_code"}),
     "colors._color_runs": ("Portion", {"colors.runs_of_codes"}),

@@ -28,7 +28,7 @@ from raymap.laws.law import Law
 from raymap.laws.medium import MediumLaw
 from raymap.laws.phase import eval_phase
 from raymap.model.directory import ChannelSet, Directory
-from raymap.model.errors import RayMapError
+from raymap.model.errors import FormatError, RayMapError
 from raymap.model.events import Event
 from raymap.model.schema import COLOR_SCALE, NONE
 from raymap.optics.frames import frame_about
@@ -135,9 +135,13 @@ class Reweighting:
         """Points of paths where a changed face decided, the classes there, and whose is which."""
         branch = branch_of_events(paths.event)
         points = np.flatnonzero(self._is_changed[paths.face] & (branch != NONE))
-        first = np.zeros(len(paths.event), np.bool_)
-        first[paths.offsets[:-1]] = True
-        points = points[~first[points]]
+        # Light comes from somewhere, and what is scattered goes somewhere: not so at the first
+        # point, nor where a limit ended the ray as it was scattered
+        outside = np.zeros(len(paths.event), np.bool_)
+        outside[paths.offsets[:-1]] = True
+        last = paths.offsets[1:] - 1
+        outside[last] |= branch[last] >= SCATTERED_BACK
+        points = points[~outside[points]]
         before, after = media_before(paths), np.full(len(paths.event), NONE, np.int16)
         through = np.isin(branch, _BEYOND)
         after[through] = paths.medium[through]
@@ -315,7 +319,10 @@ class Reweighting:
                 here = (event[records] & int(bit)) != 0
                 part = np.divide(new, old, out=np.zeros_like(new), where=old > 0.0)
                 ratios[:, here] *= part[:, None]
-            turned = np.flatnonzero((event[records] & int(Event.VOLUME_SCATTER)) != 0)
+            goes_on = starts[np.minimum(records, portion.n_records - 1)]
+            turned = np.flatnonzero(
+                ((event[records] & int(Event.VOLUME_SCATTER)) != 0) & goes_on
+            )
             old_law, new_law = change.laws
             if len(turned) and old_law.phase != new_law.phase:
                 ratios[:, turned] *= _phase_ratio(change.laws, position, records[turned])
@@ -333,6 +340,8 @@ class Reweighting:
         codes = portion.column("color_code")
         found: dict[tuple[int, int], F64] = {}
         for kind, records, rays, met in self._met(read, even=True):
+            if kind.branch == TOTAL and all(map(is_total, self.changed.faces[kind.face])):
+                continue
             before = records - 1
             arriving = along[before] * (portion.color_codes(codes[before]).colors() / COLOR_SCALE)
             arriving *= weight[rays, None]
@@ -378,7 +387,11 @@ def _incidence(
     position: NDArray[np.float32], normal: NDArray[np.int16], records: I64, kind: _Class
 ) -> Incidence:
     cos_i = np.empty(len(records))
+    if len(records) and not 0 < int(records.min()) <= int(records.max()) < len(position):
+        raise FormatError("a record of a changed face has none before it")
     scattered = kind.branch in (SCATTERED_BACK, SCATTERED_THROUGH)
+    if scattered and len(records) and int(records.max()) + 1 >= len(position):
+        raise FormatError("a record where light was scattered has none behind it")
     wi, wo = np.empty((2, len(records) if scattered else 0, 3))
     _meet(position, normal, records, cos_i, wi, wo)
     return Incidence(np.zeros(0), np.zeros(0), cos_i, wi, wo)
@@ -423,6 +436,8 @@ def _records_of(
     points: I64, paths: PathDictionary, numbers: Any, record_offsets: I64
 ) -> tuple[I64, I64]:
     """Records of all rays at these points of their paths, and their rays."""
+    if not np.array_equal(np.diff(paths.offsets)[numbers], np.diff(record_offsets)):
+        raise FormatError("paths of rays do not account for their records")
     chosen = np.zeros(int(paths.offsets[-1]), np.bool_)
     chosen[points] = True
     starts = np.concatenate(([0], np.cumsum(chosen)))

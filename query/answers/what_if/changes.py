@@ -410,7 +410,7 @@ def _coating(key: str, value: Any, old: Law, channels: ChannelSet, map: RayMap) 
         raise RayMapError(f"{key}: the law {old.law!r} is not that of an interface")
     if not isinstance(value, dict):
         raise RayMapError(
-            f"{key}: write {{between = [MEDIUM, MEDIUM], layers = [{{thickness_nm, index, extinction}}, ...]}} "
+            f"{key}: write {{between = [MEDIUM, MEDIUM], layers = [{{thickness_nm, index}}, ...]}} "
             "or {angle_deg, reflectance, transmittance}"
         )
     n = channels.n_channels
