@@ -51,14 +51,19 @@ _KERNELS = {
     "phase.eval_phase": (
         "Law",
         {
-            "phase.density", "phase.legendre_moments", "phase.pdf_phase", "pinhole._phase",
+            "phase.density",
+            "phase.legendre_moments",
+            "phase.pdf_phase",
+            "pinhole._phase",
             "reweighting._fill_phases",
         },
     ),
     "radial.eval_radial": (
         "Law",
         {
-            "likelihoods._around_specular", "radial._fill_radial", "radial.pdf_radial",
+            "likelihoods._around_specular",
+            "radial._fill_radial",
+            "radial.pdf_radial",
             "specular.around_specular",
         },
     ),

@@ -7,6 +7,7 @@ is scattered.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -86,6 +87,13 @@ class Partners:
             self._beyond.setdefault((face, a), set()).add(b)
             self._beyond.setdefault((face, b), set()).add(a)
 
-    def beyond(self, face: int, medium: int) -> tuple[int, ...]:
-        """Media seen beyond a face from a medium: none, one, or several where bodies overlap."""
-        return tuple(sorted(self._beyond.get((face, medium), ())))
+    def beyond(self, face: int, medium: int, others: Iterable[int] = ()) -> tuple[int, ...]:
+        """Media seen beyond a face from a medium: none, one, or several where bodies overlap.
+
+        Where no light went through the face, what all of the ``others`` (the faces of the same
+        object) show that were gone through from this medium.
+        """
+        own = self._beyond.get((face, medium))
+        if own is None:
+            own = {beyond for other in others for beyond in self._beyond.get((other, medium), ())}
+        return tuple(sorted(own))

@@ -179,7 +179,10 @@ class Reweighting:
             return index[kind.before], ones
         beyond: tuple[int, ...] = (kind.after,)
         if kind.branch not in _BEYOND:
-            beyond = self.partners.beyond(kind.face, kind.before)
+            faces = self.directory.faces
+            owner = faces.object[kind.face]
+            others = range(faces.first_face[owner], faces.first_face[owner + 1])
+            beyond = self.partners.beyond(kind.face, kind.before, others)
         found = np.unique(index[[m for m in beyond if 0 <= m < len(index)]], axis=0)
         if len(found) != 1:
             media = ", ".join(self.directory.media[m].name for m in beyond)
@@ -320,9 +323,7 @@ class Reweighting:
                 part = np.divide(new, old, out=np.zeros_like(new), where=old > 0.0)
                 ratios[:, here] *= part[:, None]
             goes_on = starts[np.minimum(records, portion.n_records - 1)]
-            turned = np.flatnonzero(
-                ((event[records] & int(Event.VOLUME_SCATTER)) != 0) & goes_on
-            )
+            turned = np.flatnonzero(((event[records] & int(Event.VOLUME_SCATTER)) != 0) & goes_on)
             old_law, new_law = change.laws
             if len(turned) and old_law.phase != new_law.phase:
                 ratios[:, turned] *= _phase_ratio(change.laws, position, records[turned])
