@@ -122,7 +122,8 @@ def test_oversized_and_unknown(service: RaymapService, client: Service) -> None:
 OUTSIDE = [
     "../secret.raymap", "/etc/passwd", "a/../../secret.raymap", "..\\secret.raymap", "~/x.raymap",
     "C:\\secret.raymap", "link.raymap", "linked/secret.raymap", ".hidden.raymap", "", "a\0b",
-    "x" * 2_000, "loop/a.raymap", "shards",
+    "x" * 2_000, "loop/a.raymap", "shards", "file:///etc/passwd", "http://127.0.0.1:9/a.raymap",
+    "simplecache::file:///etc/passwd", "memory://a.raymap",
 ]  # fmt: skip
 
 
