@@ -223,7 +223,7 @@ def test_pipes_and_sizes(place: Path) -> None:
 
 NAMES = {
     "aim", "angle_weights", "between", "bodies", "cemented", "color", "contacts", "crystal",
-    "detectors", "digest", "face", "face_colors", "faces", "folder", "glass", "glasses",
+    "detectors", "digest", "face", "face_colors", "faces", "files", "folder", "glass", "glasses",
     "illuminant", "inside", "kind", "law", "leave_out", "left_out", "media", "medium", "name",
     "origin", "part", "path", "polarisers", "rim", "simulation", "sources", "specular", "surface",
     "surfaces", "text", "title", "use", "variants", "walls",
