@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -26,6 +27,10 @@ def what_if(
             help="A change: L5.back.reflectance=0.5%, seat*.black=true, lamp.flux=2; repeatable.",
         ),
     ] = None,
+    scene: Annotated[
+        Path | None,
+        typer.Option("--scene", help="Take the changes from a scene of the same geometry."),
+    ] = None,
     top: Annotated[
         int, typer.Option(min=0, help="Rows of the table of paths that changed most.")
     ] = 10,
@@ -40,19 +45,20 @@ def what_if(
     from query.answers.what_if.effect import what_if as revise
     from raymap.model.errors import RayMapError
 
-    if not set:
+    if bool(set) == (scene is not None):
         raise RayMapError(
-            "nothing is changed: add --set NAME.WHAT=VALUE, as --set L5.back.reflectance=0.5%"
+            "say what is changed: --set NAME.WHAT=VALUE, as --set L5.back.reflectance=0.5%, or "
+            "--scene FILE"
         )
-    changes = dict(parse_setting(each) for each in set)
+    changes = dict(parse_setting(each) for each in set or ())
     with opened_map(map, strict) as ray_map:
         wanted: Any = read_criterion(criterion, ray_map, filter_string)
-        view = revise(ray_map, changes)
+        view = revise(ray_map, changes or None, scene=scene)
         found = effect(ray_map, view, wanted, threads=threads)
         rows = changed_paths(ray_map, view, wanted, top, threads=threads) if top else []
         unit = ray_map.directory.flux_unit
     if json:
-        emit_json({**found.to_json(), "changes": changes, "paths": rows})
+        emit_json({**found.to_json(), "changes": changes or {"scene": str(scene)}, "paths": rows})
         return
     _print(found, rows, unit)
 

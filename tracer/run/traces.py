@@ -10,6 +10,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
+from raymap.model.directory import ChannelSet, Directory
 from raymap.model.errors import SceneError
 from tracer.run.natural import NaturalTrace
 from tracer.run.trace import Trace
@@ -18,9 +19,20 @@ from tracer.scene.compile import Compilation
 from tracer.scene.load import load_scene
 from tracer.scene.model import Scene
 
-__all__ = ["trace_of"]
+__all__ = ["described", "trace_of"]
 
 NATURAL = "natural"
+
+
+def described(scene: str | Path) -> tuple[Directory, ChannelSet]:
+    """Directory and channel set that a map of a scene file would have.
+
+    Raises
+    ------
+    SceneError
+    """
+    trace = trace_of(scene)
+    return trace.directory, trace.channel_set
 
 
 def trace_of(scene: str | Path | Scene | Compilation | Trace) -> Trace:

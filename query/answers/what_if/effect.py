@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from query.answers.paths.tables import path_table
 from query.answers.selections.selector import bind_all
 from query.answers.what_if.changes import changes_of
+from query.answers.what_if.scenes import changes_of_scene
 from query.engine.scan import Cancel, Scan
 from query.engine.search import Found
 from query.engine.second_try import asked_again
@@ -36,7 +38,9 @@ FEWEST = 100
 """Effective rays below which an answer is marked as weak."""
 
 
-def what_if(map: RayMap, changes: Mapping[str, Any]) -> RevisedMap:
+def what_if(
+    map: RayMap, changes: Mapping[str, Any] | None = None, *, scene: str | Path | None = None
+) -> RevisedMap:
     """A view of a map as it would be under changes, which every question takes in its place.
 
     Parameters
@@ -46,6 +50,7 @@ def what_if(map: RayMap, changes: Mapping[str, Any]) -> RevisedMap:
         ``reflectance``, ``transmittance``, ``coating``, ``metal``, ``black``, ``lambertian``,
         ``scatter``; of media ``absorption``, ``scattering`` [1 / length unit]; of sources ``flux``
         [flux unit], ``on``, ``spectrum`` (shares by channel, the flux is kept)
+    scene : a scene file of the same geometry from which the changes are taken, instead
 
     Raises
     ------
@@ -54,12 +59,20 @@ def what_if(map: RayMap, changes: Mapping[str, Any]) -> RevisedMap:
     """
     map.need_rays()
     names = {name for portion in map.portions[:1] for name in portion.column_names}
-    resolved = changes_of(map, changes)
+    if (changes is None) == (scene is None):
+        raise RayMapError("say what is changed: changes, or a scene that has them")
+    resolved = changes_of_scene(map, scene) if scene is not None else changes_of(map, changes or {})
     if "stokes" in names and (resolved.faces or resolved.media):
         raise RayMapError(
             f"{map.path} is of polarised light, whose states would change with its surfaces: that "
             "is not built; sources can be changed"
         )
+    for number, source in resolved.sources.items():
+        if source.flux > 0.0 and not map.emitted[number]:
+            raise RayMapError(
+                f"source {source.name!r} emitted no rays when the map was recorded, so that none "
+                "shows where its light would go: record it with all sources on"
+            )
     if len(map.shards) != 1:
         raise RayMapError(
             "a folder of maps cannot be changed as one yet: join it first (raymap query -o)"
