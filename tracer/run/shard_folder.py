@@ -6,7 +6,6 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from raymap.bytes.address import Address
 from raymap.bytes.locking import try_lock
@@ -14,9 +13,8 @@ from raymap.file.opening import open as open_map
 from raymap.file.resume import scene_difference
 from raymap.file.shards import SUFFIX, shard_paths
 from raymap.model.errors import MapExists, MapLocked, NotARayMap, RayMapError, SceneMismatch
-
-if TYPE_CHECKING:
-    from tracer.run.trace import Trace
+from tracer.run.running import DEFAULT_SEED
+from tracer.run.trace import Trace
 
 __all__ = ["begin_folder", "owned_folder"]
 
@@ -54,8 +52,6 @@ def begin_folder(
     place: Path | Address, trace: Trace, *, append: bool, force: bool
 ) -> tuple[int, int]:
     """(first ray, seed where none is given); refuses or removes what is there."""
-    from tracer.run.recording import DEFAULT_SEED
-
     there = _shards_in(place)
     if not there:
         return 0, DEFAULT_SEED

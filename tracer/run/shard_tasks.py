@@ -12,16 +12,14 @@ import warnings
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import zstandard
 
 from raymap.bytes.address import Address
 from raymap.file.writer import RayMapWriter
-
-if TYPE_CHECKING:
-    from tracer.run.results import RecordResult
-    from tracer.run.trace import Trace
+from tracer.run.results import RecordResult
+from tracer.run.running import run_into
+from tracer.run.trace import Trace
 
 __all__ = ["Shard", "ShardTask", "pack", "trace_shard", "unpack"]
 
@@ -114,8 +112,6 @@ def trace_shard(task: ShardTask) -> Shard:
 
 
 def _trace_into(task: ShardTask, path: Path) -> RecordResult:
-    from tracer.run.recording import run_into
-
     trace = _scene_of(task)
     with (
         warnings.catch_warnings(),

@@ -16,22 +16,19 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from raymap.bytes.address import Address, place_of
 from raymap.file.shards import SUFFIX
 from raymap.model.errors import RayMapError, SceneError
 from raymap.remote.cluster import TRIES, worker_count
+from tracer.run.results import Progress, RecordResult
 from tracer.run.shard_folder import begin_folder, owned_folder
 from tracer.run.shard_tasks import Shard, ShardTask, pack, trace_shard
+from tracer.run.trace import Trace
 from tracer.run.traces import trace_of
+from tracer.scene.compile import Compilation
+from tracer.scene.model import Scene
 from tracer.transport.counts import add_counts
-
-if TYPE_CHECKING:
-    from tracer.run.results import Progress, RecordResult
-    from tracer.run.trace import Trace
-    from tracer.scene.compile import Compilation
-    from tracer.scene.model import Scene
 
 __all__ = ["record_shards"]
 
@@ -280,8 +277,6 @@ class _SpreadTrace:
         )
 
     def _progress(self, began: float) -> Progress:
-        from tracer.run.results import Progress
-
         shards = self.done.values()
         return Progress(
             rays=sum(shard.result.rays for shard in shards),
@@ -297,8 +292,6 @@ def _joined(
     results: list[RecordResult], *, bytes: int, seconds: float, workers: int, interrupted: bool
 ) -> RecordResult:
     """One result of many."""
-    from tracer.run.results import RecordResult
-
     rays = sum(result.rays for result in results)
     counts = add_counts([result.counts for result in results])
     return RecordResult(

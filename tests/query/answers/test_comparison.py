@@ -156,7 +156,7 @@ def test_the_other_rays_of_a_seed_are_independent(recorded: Recorder, tmp_path: 
 def _later_rays(scene: Any, path: Path, first: int) -> None:
     """A map of the 1,000 rays from ``first`` on, of the seed that is usual."""
     from raymap import RayMapWriter
-    from tracer.run.recording import DEFAULT_SEED
+    from tracer.run.running import DEFAULT_SEED
     from tracer.scene.compile import compile_scene
     from tracer.transport.wavefront import Wavefront
 
