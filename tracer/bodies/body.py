@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from raymap.model.unfinished import Unfinished
 from tracer.description.fields import Placed
 from tracer.geometry.shapes import Shape
 
@@ -47,7 +48,7 @@ class Body(Placed):
 
     def plan(self) -> list[FacePlan]:
         """The faces, with normals that point out of the body."""
-        raise TypeError(f"{type(self).__name__} is not a body")
+        raise Unfinished(self, "plan")
 
     def problems(self) -> list[str]:
         """What makes the body impossible, as 'key: what; remedy'."""

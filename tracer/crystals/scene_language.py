@@ -38,13 +38,14 @@ from tracer.crystals.recorder import (
 )
 from tracer.crystals.rhomb_body import RhombBody
 from tracer.crystals.rows import ISOTROPIC, KIND
-from tracer.description.channels import RGB_NM
 from tracer.description.fields import Node
 from tracer.description.named_files import named_file, noting_files
 from tracer.detectors.model import DetectorModel
+from tracer.media.keys.key import At
 from tracer.media.model import MediumModel
 from tracer.run.results import depth_limit
 from tracer.scene.inputs import inputs_of, taking_part
+from tracer.scene.media import absorption_coefficient, refractive_index
 from tracer.scene.model import Scene
 from tracer.scene.supported import refuse_weighting
 from tracer.sources.model import SourceModel
@@ -217,17 +218,15 @@ def _refuse_ignored(scene: Scene, place: str, model: Node, obeyed: set[str]) -> 
 
 def _medium(scene: Scene, name: str, axis: Array | None) -> Crystal:
     """A crystal, or an isotropic medium, by name; ``axis`` where the body gives an optic axis."""
-    from tracer.scene.media import refractive_index
-
     if name in ("air", "vacuum") and name not in scene.media:
         return isotropic(1.0, name=name)
     if name not in scene.media:
         known = ", ".join([*scene.media, "air", "vacuum"])
         raise _refused(scene, "media", f"there is no medium {name!r}; media: {known}")
     model, place = scene.media[name], f"{scene.origin}: media.{name}"
-    if model.crystal is not None:
+    if model.key("crystal") is not None:
         try:
-            crystal = medium_of(name, CrystalModel.model_validate(model.crystal), axis)
+            crystal = medium_of(name, CrystalModel.model_validate(model.key("crystal")), axis)
             _refuse_dark(scene, name, crystal)
             return crystal
         except ValidationError as error:
@@ -242,7 +241,7 @@ def _medium(scene: Scene, name: str, axis: Array | None) -> Crystal:
     def index(wavelength_nm: float) -> float:
         return float(refractive_index(model, np.array([wavelength_nm]), place)[0])
 
-    return isotropic(index, name=name, kappa=_extinction(model))
+    return isotropic(index, name=name, kappa=_extinction(model, place))
 
 
 def _refuse_dark(scene: Scene, name: str, crystal: Crystal) -> None:
@@ -258,14 +257,14 @@ def _refuse_dark(scene: Scene, name: str, crystal: Crystal) -> None:
             )
 
 
-def _extinction(model: MediumModel) -> Any:
+def _extinction(model: MediumModel, place: str) -> Any:
     """Kappa of an absorption coefficient mu [1/mm]: mu lambda / 4 pi."""
-    if model.absorption is None:
+    if len(model.given) == 1:
         return 0.0
-    given = model.absorption
 
     def kappa(wavelength_nm: float) -> float:
-        mu = float(given.at(np.array([wavelength_nm]), np.array(RGB_NM))[0])
+        at = At(wavelengths_nm=np.array([wavelength_nm]), length_unit="mm", place=place)
+        mu = float(absorption_coefficient(model, at)[0])
         return mu * wavelength_nm * 1e-6 / (4.0 * np.pi)
 
     return kappa

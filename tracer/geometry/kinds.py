@@ -16,6 +16,9 @@ CONIC      vertex 0-2, axis 3-5, curvature 6, 1 + conic constant 7, outer radius
            inner radius² 10 (-1: no hole)
 ASPHERE    as CONIC, then coefficients of r^4, r^6 … r^14 in 10-15
 MESH       a named face of a triangle mesh: no row; Embree finds its triangles
+others     origin 0-2, axes u 3-5 and v 6-8, first of its numbers in the pool 9, count of them 10,
+           addresses of its functions 14, 15 (`tracer.geometry.other_shapes`); kinds from
+           FIRST_OTHER on
 ========== ======================================================================================
 
 ``side`` is +1 where the outward normal points away from the centre or axis (for CONIC and ASPHERE:
@@ -30,6 +33,9 @@ __all__ = [
     "CONE",
     "CONIC",
     "CYLINDER",
+    "FIRST_OTHER",
+    "HIT_ADDRESS",
+    "NORMAL_ADDRESS",
     "POLYGON",
     "RECTANGLE",
     "MESH",
@@ -47,3 +53,6 @@ CONE = 5
 CONIC = 6
 ASPHERE = 7
 MESH = 8
+FIRST_OTHER = 1 << 20
+HIT_ADDRESS = 14
+NORMAL_ADDRESS = 15

@@ -16,9 +16,22 @@ import math
 
 from raymap.jit.kernels import inner_kernel
 from raymap.jit.types import F64, I64, Integer
-from tracer.geometry.kinds import ANNULUS, CONE, CONIC, CYLINDER, POLYGON, RECTANGLE, SPHERE
+from tracer.geometry.doors import HIT
+from tracer.geometry.kinds import (
+    ANNULUS,
+    ASPHERE,
+    CONE,
+    CONIC,
+    CYLINDER,
+    HIT_ADDRESS,
+    POLYGON,
+    RECTANGLE,
+    SPHERE,
+)
 
 __all__ = ["DISTANCE", "OWN", "nearest_on_face"]
+
+_hit = HIT.call
 
 OWN = 0
 DISTANCE = 6
@@ -233,7 +246,8 @@ def nearest_on_face(
     ----------
     kind : of the face (`tracer.geometry.kinds`)
     table : (n_faces, ROW) parameter rows of all faces
-    pool : half-planes of polygons; None says that only the four common kinds occur
+    pool : half-planes of polygons, numbers of other shapes; None says that only the four common
+        kinds occur
     r : (8, >= m) origin x, y, z, direction x, y, z, and two rows of distances
     h : (3, >= m) face on which each ray starts (-1 none), and two rows of faces met; n_faces more
         where the ray leaves a sphere through the face
@@ -262,8 +276,35 @@ def _nearest_on_rare_face(
         _cone(table, f, r, h, row, m)
     elif kind == CONIC:
         _conic(table, f, r, h, row, m)
-    else:
+    elif kind == ASPHERE:
         asphere_nearest(table, f, r, h, row, m)
+    else:
+        _other_nearest(table, f, pool, r, h, row, m)
+
+
+@inner_kernel
+def _other_nearest(table: F64, f: int, pool: F64, r: F64, h: I64, row: Integer, m: int) -> None:
+    """A shape of another distribution, asked ray by ray in its own frame."""
+    s = table[f]
+    ux, uy, uz, vx, vy, vz = s[3], s[4], s[5], s[6], s[7], s[8]
+    tx, ty, tz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    own, address = pool[int(s[9]) : int(s[9]) + int(s[10])], int(s[HIT_ADDRESS])
+    b_in, b_out = 1 + row, 2 - row
+    for i in range(m):
+        wx, wy, wz = r[0, i] - s[0], r[1, i] - s[1], r[2, i] - s[2]
+        dx, dy, dz = r[3, i], r[4, i], r[5, i]
+        t: float = _hit(
+            address,
+            (
+                own, wx * ux + wy * uy + wz * uz, wx * vx + wy * vy + wz * vz,
+                wx * tx + wy * ty + wz * tz, dx * ux + dy * uy + dz * uz,
+                dx * vx + dy * vy + dz * vz, dx * tx + dy * ty + dz * tz, h[OWN, i] == f,
+            ),
+        )  # fmt: skip
+        best = r[DISTANCE + row, i]
+        take = (t > 0.0) & (t < best)
+        r[DISTANCE + 1 - row, i] = t if take else best
+        h[b_out, i] = f if take else h[b_in, i]
 
 
 @inner_kernel

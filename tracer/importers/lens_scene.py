@@ -29,7 +29,7 @@ from tracer.importers.parts import Part, PartFace
 from tracer.importers.prescription import GlassName, ImportWarning, Prescription
 from tracer.importers.sequence import Sequence
 from tracer.importers.solves import solved
-from tracer.media.model import MediumModel
+from tracer.media.model import medium_model
 from tracer.scene.media import refractive_index
 
 __all__ = ["ImportedLens", "import_lens"]
@@ -123,7 +123,7 @@ class ImportedLens:
                         f"{self.prescription.origin}: glass {surface.glass.name!r} is said to be "
                         f"{name!r}, but no catalogue has it and the scene has no such medium"
                     )
-                model = MediumModel.model_validate(table or self.known[name])
+                model = medium_model(table or self.known[name])
                 current = refractive_index(model, wavelengths, self.prescription.origin)
             elif not surface.mirror:
                 current = np.ones(len(wavelengths))

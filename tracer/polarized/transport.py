@@ -283,7 +283,7 @@ def _normal_at(
 ) -> tuple[float, float, float]:
     """Outward normal of the face met, exact where its shape is known, else as recorded."""
     if face >= 0 and scene.face_i[face, F_KIND] != MESH:
-        return face_normal(scene.face_i[face, F_KIND], scene.face_f, face, x, y, z)
+        return face_normal(scene.face_i[face, F_KIND], scene.face_f, face, scene.pool, x, y, z)
     nx, ny, nz = (
         rays.normal[k, 0] / 32767.0,
         rays.normal[k, 1] / 32767.0,

@@ -18,6 +18,7 @@ from tracer.bodies.lens import LensBody
 from tracer.bodies.mesh import MeshBody
 from tracer.detectors.model import DetectorModel
 from tracer.geometry.mesh import TriangleMesh
+from tracer.geometry.other_shapes import OtherShape, check_shape
 from tracer.geometry.shape_columns import ShapeColumns
 from tracer.geometry.shapes import SEGMENTS, Polygon, Rectangle, Shape
 from tracer.scene.meshes import MeshFace, MeshShelf
@@ -142,6 +143,10 @@ class FaceTable:
 
     def _add_body(self, name: str, body: Body, back_partner: str | None) -> None:
         plans = body.plan()
+        for plan in plans:
+            for shape in plan.shapes:
+                if isinstance(shape, OtherShape):
+                    check_shape(shape, f"{self.scene.origin}: bodies.{name}.{plan.name}")
         self._check_face_names(name, body, [plan.name for plan in plans])
         solid = self.solids.get(name, -1)
         faces: list[Face] = []
@@ -268,6 +273,10 @@ class FaceTable:
                 planes = p.shape.half_planes()
                 rows[k, 6:8] = len(pool), len(planes)
                 pool += list(planes)
+            elif isinstance(p.shape, OtherShape):
+                own = np.asarray(p.shape.own(), np.float64)
+                rows[k, 9:11] = 4 * len(pool), len(own)
+                pool += list(np.pad(own, (0, -len(own) % 4)).reshape(-1, 4))
             integers.append(
                 (
                     p.shape.kind, p.object, p.triangle, p.surface, p.inside, p.outside, p.detector,

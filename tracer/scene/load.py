@@ -19,7 +19,8 @@ from tracer.bodies.registry import BODIES
 from tracer.description.named_files import noting_files
 from tracer.detectors.registry import DETECTORS
 from tracer.geometry.mesh_format import MESH_FORMATS
-from tracer.media.model import MediumModel
+from tracer.media.keys.key import MEDIUM_KEYS
+from tracer.media.model import MediumModel, medium_class
 from tracer.scene.copies import CopiesModel, with_copies
 from tracer.scene.files import FILE_TABLES, table_of_bodies, table_of_scene_file
 from tracer.scene.model import Scene
@@ -44,8 +45,6 @@ _TABLES = (set(Scene.model_fields) - _INTERNAL) | {
 _PICTURE = ("room", "camera", "render")
 """What only `raymap render` reads (`tracer.render.load`)."""
 
-_OF_MEDIA = set(MediumModel.model_fields)
-
 _TAGS = ("model", "table", "white")
 """Kinds of a source's spectrum, which are no keys of the file."""
 
@@ -60,10 +59,6 @@ _WORDS = (
     (r"takes at \1 \2 entries, not \3", r"\w+ should have at (\w+) (\d+) items? after.*not (\d+)"),
 )
 """Complaints as users say them: (ours, those of the validation)."""
-
-_NAMED: dict[str, type[BaseModel]] = {
-    "media": MediumModel,
-}
 
 
 def is_of_other_program(path: Path) -> bool:
@@ -177,12 +172,10 @@ def _parse(
         simulation=simulation or "",
         origin=origin,
     )
-    for table, model in _NAMED.items():
-        entries = _table(tree, table, origin)
-        tree[table] = {
-            name: _validated(model, entry, f"{table}.{name}", origin)
-            for name, entry in entries.items()
-        }
+    tree["media"] = {
+        name: _validated(medium_class(entry), entry, f"media.{name}", origin)
+        for name, entry in _table(tree, "media", origin).items()
+    }
     tree["surfaces"] = {
         name: _of_kind(SURFACES, "surface", entry, f"surfaces.{name}", origin)
         for name, entry in _table(tree, "surfaces", origin).items()
@@ -303,7 +296,7 @@ def _first_line(error: ValidationError, model: type[BaseModel], place: str) -> s
         models = [found for item in inner for found in _models_in(item)] if inner else models
     key = ".".join(part for part in [place, *parts] if part and part not in _TAGS)
     if problem["type"] == "extra_forbidden":
-        if issubclass(model, Body) and parts[-1] in _OF_MEDIA:
+        if issubclass(model, Body) and (parts[-1] in MEDIUM_KEYS or parts[-1] == "scattering"):
             return (
                 f"{key}: unknown key; {parts[-1]} belongs to a medium: write [media.NAME] with "
                 f'{parts[-1]}, and medium = "NAME" here'
@@ -315,6 +308,8 @@ def _first_line(error: ValidationError, model: type[BaseModel], place: str) -> s
                 f"takes {', '.join(keys) or 'nothing else'}{meant(parts[-1], keys)}"
             )
         known = dict.fromkeys(name for item in models for name in item.model_fields)
+        if models == [model] and issubclass(model, MediumModel):
+            known |= dict.fromkeys(MEDIUM_KEYS)
         return f"{key}: unknown key{nearest_names(parts[-1], known)}"
     if problem["type"] == "missing":
         if issubclass(model, Body) and parts[-1] == "medium":

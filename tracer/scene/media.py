@@ -14,21 +14,25 @@ from raymap.laws.phase import PHASE_ROW, PhaseLaw
 from raymap.model.directory import Medium
 from raymap.model.errors import RayMapError, SceneError
 from raymap.model.names import nearest_names
-from raymap.model.units import length_scale
-from tracer.description.channels import RGB_NM
-from tracer.description.fields import ByWavelength
-from tracer.media.model import MediumModel
-from tracer.optics import dispersion
-from tracer.optics.glasses import Glass, find_glass
+from tracer.media.keys.glass import catalogue_glass
+from tracer.media.keys.key import MEDIUM_KEYS, At
+from tracer.media.model import MediumModel, medium_model
+from tracer.media.phases.phase import Phase
+from tracer.optics.glasses import find_glass
 from tracer.scene.model import Scene
 
-__all__ = ["MediumTable", "MissingAbsorption", "medium_table", "refractive_index"]
+__all__ = [
+    "MediumTable",
+    "MissingAbsorption",
+    "absorption_coefficient",
+    "medium_table",
+    "refractive_index",
+]
 
 Array = NDArray[np.float64]
 
-"""Millimetres in a scene unit."""
-
-_BUILT_IN = {"air": MediumModel(index=1.0), "vacuum": MediumModel(index=1.0)}  # type: ignore[arg-type]
+_BUILT_IN = ("air", "vacuum")
+"""Media that every scene has, of index 1 unless it says another."""
 
 
 class MissingAbsorption(UserWarning):
@@ -81,7 +85,7 @@ def _is_glass(name: str) -> bool:
 
 def medium_table(scene: Scene, wavelengths_nm: Array) -> MediumTable:
     """Number the media of a scene; air and vacuum are always there."""
-    models = {**_BUILT_IN, **scene.media}
+    models = {name: medium_model({"index": 1.0}) for name in _BUILT_IN} | scene.media
     n, channels = len(models), len(wavelengths_nm)
     index = np.empty((n, channels))
     absorption, scattering = np.zeros((n, channels)), np.zeros((n, channels))
@@ -91,27 +95,23 @@ def medium_table(scene: Scene, wavelengths_nm: Array) -> MediumTable:
     for k, (name, model) in enumerate(models.items()):
         place = f"{scene.origin}: media.{name}"
         index[k] = refractive_index(model, wavelengths_nm, place)
-        if model.glass is not None:
-            glass = _glass(model, place)
-            absorption[k] = glass.absorption(wavelengths_nm) * length_scale(scene.length_unit, "mm")
-        if model.absorption is not None:
-            absorption[k] = _at(model.absorption, wavelengths_nm, f"{place}.absorption")
+        at = At(wavelengths_nm=wavelengths_nm, length_unit=scene.length_unit, place=place)
+        absorption[k] = absorption_coefficient(model, at)
         if model.scattering is not None:
             given = model.scattering
             if given.coefficient is not None:
-                key = f"{place}.scattering.coefficient"
-                scattering[k] = _at(given.coefficient, wavelengths_nm, key)
+                scattering[k] = at.values(given.coefficient, "scattering.coefficient")
             else:
                 scattering[k] = 1.0 / (given.mean_free_path or 1.0)
             if given.albedo is not None:
                 absorption[k] += scattering[k] * (1.0 - given.albedo)
                 scattering[k] *= given.albedo
-            law = PhaseLaw(**given.phase.model_dump(exclude_unset=True))
+            law = _phase_law(given.phase, place)
             phases[k], table = law.row(first=sum(map(len, tables)), name=name)
             tables.append(table)
             laws[k] = MediumLaw(scattering=tuple(scattering[k].tolist()), phase=law)
-        if min(absorption[k].min(), scattering[k].min()) < 0.0:
-            raise SceneError(f"{place}: absorption and scattering must not be negative")
+        if scattering[k].min() < 0.0:
+            raise SceneError(f"{place}.scattering: scattering must not be negative")
     _warn_of_missing_absorption(scene)
     extinction = absorption + scattering
     varied = (np.ptp(absorption, axis=1) > 0.0) | (np.ptp(scattering, axis=1) > 0.0)
@@ -129,7 +129,7 @@ def medium_table(scene: Scene, wavelengths_nm: Array) -> MediumTable:
         entries=tuple(
             Medium(
                 name=name,
-                kind=_kind(model),
+                kind=model.formula,
                 parameters=json.loads(model.model_dump_json(exclude_unset=True)),
             )
             for name, model in models.items()
@@ -143,14 +143,12 @@ def medium_table(scene: Scene, wavelengths_nm: Array) -> MediumTable:
 def _warn_of_missing_absorption(scene: Scene) -> None:
     """Name the media, as far as bodies consist of them, whose absorption nobody has said."""
     used = {scene.world.medium, *(body.medium for body in scene.bodies.values())}
-    silent = [
-        f"{name!r} ({model.glass})"
-        for name, model in scene.media.items()
-        if name in used
-        and model.glass is not None
-        and model.absorption is None
-        and not _glass(model, f"{scene.origin}: media.{name}").transmittance.size
-    ]
+    silent = []
+    for name, model in scene.media.items():
+        if name in used and model.formula == "glass" and len(model.given) == 1:
+            glass = catalogue_glass(model.key("glass"), f"{scene.origin}: media.{name}")
+            if not glass.transmittance.size:
+                silent.append(f"{name!r} ({model.key('glass')})")
     if silent:
         warnings.warn(
             f"{scene.origin}: there are no data of the absorption of {', '.join(silent)}: light "
@@ -161,41 +159,51 @@ def _warn_of_missing_absorption(scene: Scene) -> None:
         )
 
 
-def _kind(model: MediumModel) -> str:
-    for kind in ("sellmeier", "cauchy", "glass"):
-        if getattr(model, kind) is not None:
-            return kind
-    return "index"
-
-
 def refractive_index(model: MediumModel, wavelengths_nm: Array, place: str) -> Array:
-    """Index of a medium at wavelengths [nm]."""
-    if model.crystal is not None:
-        raise SceneError(f"{place}: a crystal has no single index; raymap record traces crystals")
-    if model.sellmeier is not None:
-        law = dispersion.sellmeier(model.sellmeier.b, model.sellmeier.c, name=place)
-        values = law.index(wavelengths_nm)
-    elif model.cauchy is not None:
-        values = dispersion.cauchy(model.cauchy, name=place).index(wavelengths_nm)
-    elif model.index is not None:
-        values = _at(model.index, wavelengths_nm, f"{place}.index")
-    else:
-        values = _glass(model, place).index(wavelengths_nm)
-    if values.min() <= 0.0:
-        raise SceneError(f"{place}: the refractive index must be positive, it is {values.min():g}")
-    return np.asarray(values)
+    """Index of a medium at wavelengths [nm].
+
+    Raises
+    ------
+    SceneError
+        the index is no positive number, or the medium has no single one
+    """
+    at = At(wavelengths_nm=np.asarray(wavelengths_nm, np.float64), length_unit="mm", place=place)
+    formula = MEDIUM_KEYS[model.formula]
+    assert formula.index is not None
+    values = np.broadcast_to(
+        np.asarray(formula.index(model.key(formula.word), at), np.float64), at.wavelengths_nm.shape
+    )
+    wrong = ~(np.isfinite(values) & (values > 0.0))
+    if np.any(wrong):
+        raise SceneError(
+            f"{place}: the refractive index must be positive, it is {values[wrong][0]:g} "
+            f"at {at.wavelengths_nm[wrong][0]:g} nm"
+        )
+    return values.copy()
 
 
-def _at(given: ByWavelength, wavelengths_nm: Array, place: str) -> Array:
-    """Values at the channels; what is wrong is said with its place."""
+def absorption_coefficient(model: MediumModel, at: At) -> Array:
+    """Absorption of a medium [1 / scene unit]: what it is given, else what its index brings along.
+
+    Raises
+    ------
+    SceneError
+        it is negative, or no number
+    """
+    keys = [MEDIUM_KEYS[word] for word in model.given]
+    saying = [key for key in keys if key.absorption is not None]
+    values = np.zeros(at.wavelengths_nm.shape)
+    for key in sorted(saying, key=lambda key: key.index is None):
+        assert key.absorption is not None
+        values = np.asarray(key.absorption(model.key(key.word), at), np.float64)
+        values = np.broadcast_to(values, at.wavelengths_nm.shape).copy()
+        if np.any(np.isnan(values)) or values.min() < 0.0:
+            raise SceneError(f"{at.place}.{key.word}: absorption must not be negative")
+    return values
+
+
+def _phase_law(phase: Phase, place: str) -> PhaseLaw:
     try:
-        return given.at(wavelengths_nm, np.array(RGB_NM))
+        return phase.stated()
     except SceneError as error:
-        raise SceneError(f"{place}: {error}") from None
-
-
-def _glass(model: MediumModel, place: str) -> Glass:
-    try:
-        return find_glass(model.glass or "")
-    except SceneError as error:
-        raise SceneError(f"{place}.glass: {error}") from None
+        raise SceneError(f"{place}.scattering.{error}") from None

@@ -14,6 +14,7 @@ from tracer.bodies.body import Body
 from tracer.description.channels import Spectrum
 from tracer.description.fields import Node
 from tracer.detectors.detector import DetectorKind
+from tracer.media.keys.key import MEDIUM_KEYS
 from tracer.media.model import MediumModel
 from tracer.scene.rare_light import TraceModel
 from tracer.scene.selecting import Selecting
@@ -50,7 +51,7 @@ class Scene(Node):
     world: World = World()
     limits: Limits = Limits()
     trace: TraceModel = TraceModel()
-    media: dict[str, MediumModel] = {}
+    media: dict[str, SerializeAsAny[MediumModel]] = {}
     surfaces: dict[str, SerializeAsAny[Surface]] = {}
     bodies: dict[str, SerializeAsAny[Body]] = {}
     sources: dict[str, SerializeAsAny[Source]] = {}
@@ -64,18 +65,17 @@ class Scene(Node):
     folder: str = "."
 
     @property
-    def has_crystals(self) -> bool:
-        """Whether some body or the world is a crystal."""
+    def light_of_media(self) -> str:
+        """Which way of following light the media of bodies or of the world ask for; "" for any."""
         used = {self.world.medium, *(body.medium for body in self.bodies.values())}
-        return any(
-            name in used and medium.crystal is not None for name, medium in self.media.items()
-        )
+        asked = (MEDIUM_KEYS[m.formula].light for name, m in self.media.items() if name in used)
+        return next(filter(None, asked), "")
 
     @property
     def light(self) -> str:
         """Which way of following light it asks for: natural, polarised, lens_trees or crystals."""
-        if self.has_crystals:
-            return "crystals"
+        if self.light_of_media:
+            return self.light_of_media
         if self.trace.lens_trees is not None:
             return "lens_trees"
         return self.trace.light

@@ -20,7 +20,8 @@ from tracer.bodies.body import Body
 from tracer.bodies.lens import LensBody
 from tracer.bodies.mesh import MeshBody
 from tracer.bodies.ring import RingBody
-from tracer.media.model import MediumModel
+from tracer.media.model import medium_model
+from tracer.run.traces import trace_of
 from tracer.scene.media import refractive_index
 from tracer.scene.model import Scene
 
@@ -145,7 +146,7 @@ def on_axis(body: Body) -> bool:
 
 
 def _index(scene: Scene, name: str, wavelength_nm: float) -> float:
-    model = scene.media.get(name) or MediumModel(index=1.0)  # type: ignore[arg-type]
+    model = scene.media.get(name) or medium_model({"index": 1.0})
     return float(refractive_index(model, np.array([wavelength_nm]), f"media.{name}")[0])
 
 
@@ -258,10 +259,8 @@ def examine(scene: Scene, wavelength_nm: float | None = None) -> dict[str, Any]:
     from tracer.scene.supported import warn_of_polarised_sources
     from tracer.transport.source_check import check_sources
 
-    if scene.has_crystals:
-        from tracer.crystals.scene_language import compile_crystals
-
-        found = compile_crystals(scene)
+    if scene.light_of_media:
+        found = trace_of(scene)
         return _parts(scene, found.directory, found.channel_set.labels)
     compilation = compile_scene(scene)
     check_sources(compilation)

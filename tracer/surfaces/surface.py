@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from raymap.laws.law import Law as StoredLaw
 from raymap.model.errors import SceneError
+from raymap.model.unfinished import Unfinished
 from tracer.compiled import S_COLUMNS, S_MEET, S_MODEL, S_OWN, S_OWN_SIZE, SURFACE_ROW
 from tracer.description.channels import RGB_NM
 from tracer.description.fields import ByWavelength, Node
@@ -178,7 +179,7 @@ class Surface(Node):
         ------
         SceneError
         """
-        raise TypeError(f"{type(self).__name__} is not a surface")
+        raise Unfinished(self, "compile")
 
     def stated(self, row: SurfaceRow) -> StoredLaw | None:
         """Its law as maps store it, of a row that is filled; None: maps do not say it."""

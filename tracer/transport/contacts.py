@@ -80,7 +80,7 @@ def _cross_all(
     """Cross a face and all that coincide with it at a place: leave bodies first, then enter."""
     first, last = contacts.first[face], contacts.first[face + 1]
     counting, beyond = face, nest
-    nx, ny, nz = face_normal(face_i[face, F_KIND], face_f, face, x, y, z)
+    nx, ny, nz = face_normal(face_i[face, F_KIND], face_f, face, pool, x, y, z)
     for entering in range(2):
         for k in range(first - 1, last):
             other = face if k < first else int(contacts.face[k])
@@ -88,7 +88,7 @@ def _cross_all(
             if k >= first:
                 if not _covers(face_i, face_f, pool, other, x, y, z):
                     continue
-                ox, oy, oz = face_normal(face_i[other, F_KIND], face_f, other, x, y, z)
+                ox, oy, oz = face_normal(face_i[other, F_KIND], face_f, other, pool, x, y, z)
                 turned = cosine if nx * ox + ny * oy + nz * oz > 0.0 else -cosine
             if (turned < 0.0) != (entering == 1):
                 continue

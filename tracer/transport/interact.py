@@ -268,7 +268,7 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
                 )
                 own_body, own_triangle = live_i[MESH_BODY, i], live_i[MESH_TRIANGLE, i]
             else:
-                nx, ny, nz = face_normal(face_i[met, F_KIND], face_f, met, x, y, z)
+                nx, ny, nz = face_normal(face_i[met, F_KIND], face_f, met, scene.pool, x, y, z)
             cosine = dx * nx + dy * ny + dz * nz
             beyond, counting = cross_face(
                 scene.contacts, face_i, face_f, scene.pool, body_i, met, nest, cosine, x, y, z
@@ -276,7 +276,7 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
             if scene_touches(scene.contacts) and counting != face:
                 # Another face lies here and counts: it gives normal, name and surface
                 met = unsigned(counting)
-                nx, ny, nz = face_normal(face_i[met, F_KIND], face_f, met, x, y, z)
+                nx, ny, nz = face_normal(face_i[met, F_KIND], face_f, met, scene.pool, x, y, z)
                 cosine = dx * nx + dy * ny + dz * nz
             if t < tiny and left_together(scene.contacts, face_i, live_i[OWN, i], face):
                 beyond = -1

@@ -31,6 +31,7 @@ from raymap.model.portion import Portion
 from raymap.optics.cells import is_pinhole
 from raymap.optics.photometry import Photometry
 from tracer.compiled import (
+    F_KIND,
     F_SURFACE,
     FROM_RING,
     L_AREA,
@@ -41,6 +42,7 @@ from tracer.compiled import (
 )
 from tracer.geometry.mesh_arrays import MeshArrays, MeshScratch, mesh_scratch
 from tracer.geometry.mesh_hits import nearest_on_meshes
+from tracer.geometry.other_shapes import link_shapes
 from tracer.sources.linking import link_sources
 from tracer.sources.towards import emitted_towards
 from tracer.surfaces.linking import link_surfaces
@@ -258,6 +260,7 @@ class Pinholes:
             self._local.buffers = Workspace.create(self.scene, _BATCH).buffers
             link_surfaces(self.scene.surface_i, towards=True)
             link_sources(self.scene.source_i, towards=True)
+            link_shapes(self.scene.face_i[:, F_KIND], self.scene.face_f)
             meshed = self.compilation.solids is not None
             self._local.scratch = mesh_scratch() if meshed else None
         return self._local.buffers, self._local.scratch

@@ -212,7 +212,7 @@ def _cross(
     dx: float, dy: float, dz: float,
 ) -> tuple[int, bool]:  # fmt: skip
     """Nest beyond a face, -1 where that needs a closer look; whether the ray is on its way in."""
-    nx, ny, nz = face_normal(face_i[face, F_KIND], face_f, face, x, y, z)
+    nx, ny, nz = face_normal(face_i[face, F_KIND], face_f, face, None, x, y, z)
     inward = dx * nx + dy * ny + dz * nz < 0.0
     inside, outside = face_i[face, F_INSIDE], face_i[face, F_OUTSIDE]
     beyond = nest

@@ -18,8 +18,9 @@ from raymap.jit.kernels import lean_kernel
 from raymap.jit.types import I64
 from raymap.model.portion import Descriptors as DescriptorColumns
 from raymap.model.portion import Portion
-from tracer.compiled import R_RAYS, R_SPLITS, CompiledScene, Faces
+from tracer.compiled import F_KIND, R_RAYS, R_SPLITS, CompiledScene, Faces
 from tracer.detectors.linking import detector_tasks, link_detectors
+from tracer.geometry.other_shapes import link_shapes, shape_tasks
 from tracer.rays.colors import COLORS
 from tracer.sources.emission import emitted_counts
 from tracer.sources.linking import link_sources, source_tasks
@@ -244,6 +245,7 @@ class Wavefront:
             *surface_tasks(self.scene.surface_i),
             *source_tasks(self.scene.source_i),
             *detector_tasks(self.scene.detector_i),
+            *shape_tasks(self.scene.face_i[:, F_KIND]),
             task(store_block, 0, 0, b, assembly.columns, filled, few, few, False),
             task(
                 run_steps, Stages(0, 0, 0, 0), self.scene, self.faces, self._solids(), b,
@@ -283,6 +285,7 @@ class Wavefront:
             link_surfaces(self.scene.surface_i)
             link_sources(self.scene.source_i)
             link_detectors(self.scene.detector_i)
+            link_shapes(self.scene.face_i[:, F_KIND], self.scene.face_f)
             addresses = [address_of(item) for item in self._stage_tasks(b)]
             self._local.stages = Stages(*addresses, *[0] * (4 - len(addresses)))
         if emits and not self._local.stages.emit:

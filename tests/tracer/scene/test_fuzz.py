@@ -130,7 +130,7 @@ def accepted_or_refused(name: str, text: str) -> None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             scene = parse_scene(text, folder=folder)
-            (compile_crystals if scene.has_crystals else compile_scene)(scene)  # type: ignore[operator]
+            (compile_crystals if scene.light_of_media else compile_scene)(scene)  # type: ignore[operator]
     except RayMapError as error:
         refused = str(error)
     assert "\n" not in refused

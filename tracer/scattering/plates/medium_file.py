@@ -11,10 +11,10 @@ from pydantic import ValidationError
 
 from raymap.model.errors import SceneError
 from raymap.model.givenfile import given_text
-from tracer.description.channels import RGB_NM
-from tracer.media.model import MediumModel
+from tracer.media.keys.key import At
+from tracer.media.model import medium_model
 from tracer.scattering.plates.medium import ScatteringMedium
-from tracer.scene.media import refractive_index
+from tracer.scene.media import absorption_coefficient, refractive_index
 
 __all__ = ["load_media"]
 
@@ -43,34 +43,34 @@ def load_media(
         raise SceneError(f"{path.name}: no scattering medium {chosen!r}; there is {known}")
     place = f"{path.name}: media.{chosen}"
     try:
-        model = MediumModel.model_validate(tables[chosen])
+        model = medium_model(tables[chosen])
     except ValidationError as error:
         raise SceneError(f"{place}: {error.errors()[0]['msg']}") from None
     wanted = np.array(wavelengths_nm, np.float64)
-    rgb = np.array(RGB_NM)
     index = refractive_index(model, wanted, place)
+    at = At(wavelengths_nm=wanted, length_unit="mm", place=place)
     zero = np.zeros(wanted.size)
-    absorption = zero if model.absorption is None else model.absorption.at(wanted, rgb)
+    absorption = absorption_coefficient(model, at)
     given = model.scattering
-    if given is None or given.phase.kind not in (*_EXPONENTS, "generalized"):
+    law = None if given is None else given.phase.stated()
+    if given is None or law is None or law.kind not in (*_EXPONENTS, "generalized"):
         raise SceneError(
             f"{place}: the plate kernel knows isotropic, henyey_greenstein and generalized "
             "scattering; trace other phase functions in a scene"
         )
     if given.coefficient is not None:
-        coefficient = given.coefficient.at(wanted, rgb)
+        coefficient = at.values(given.coefficient, "scattering.coefficient")
     else:
         coefficient = zero + 1.0 / (given.mean_free_path or 1.0)
     if given.albedo is not None:
         absorption = absorption + coefficient * (1.0 - given.albedo)
         coefficient = coefficient * given.albedo
-    g = 0.0 if given.phase.kind == "isotropic" else given.phase.g
     return {
         float(wanted[k]): ScatteringMedium(
             mean_free_path_mm=float(1.0 / coefficient[k]),
             absorption_per_mm=float(absorption[k]),
-            g=g,
-            gamma=_EXPONENTS.get(given.phase.kind, given.phase.gamma),
+            g=law.g,
+            gamma=_EXPONENTS.get(law.kind, law.gamma),
             index=float(index[k]),
         )
         for k in range(wanted.size)

@@ -1,0 +1,1 @@
+"""Keys of media: what says the index and the absorption of a medium; a key a file."""

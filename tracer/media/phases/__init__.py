@@ -1,0 +1,1 @@
+"""Phase functions: where a scattering medium sends light; a function a file."""
