@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from query.answers.images.formats.format import IMAGE_FORMATS
 from query.expression.registry import ATOMS
 from raymap.model.registry import Registry
 
 __all__ = ["REGISTRIES"]
 
-REGISTRIES: dict[str, Registry[Any]] = {"atoms": ATOMS}
+REGISTRIES: dict[str, Registry[Any]] = {"atoms": ATOMS, "image_formats": IMAGE_FORMATS}

@@ -242,8 +242,9 @@ def image(
     strict: Strict = False,
 ) -> None:
     """Write the picture that the selected rays make on a detector."""
-    from query.answers.images.image_files import KINDS, check_image, write_image
+    from query.answers.images.image_files import check_image, write_image
     from query.answers.images.images import detector_images
+    from query.answers.images.values import KINDS
 
     if kind is not None and kind not in KINDS:
         raise typer.BadParameter(f"--kind is one of {', '.join(KINDS)}")

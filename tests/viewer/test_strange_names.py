@@ -145,7 +145,8 @@ def test_drawings_of_the_page_are_text_and_shapes() -> None:
 
 def test_exported_files_hold_names_as_text(tmp_path: Path) -> None:
     from viewer.app.session import Session
-    from viewer.export.gltf import to_glb, to_vtp
+    from viewer.export.gltf import to_glb
+    from viewer.export.vtp import to_vtp
 
     for first in range(len(NAMES)):
         with raymap.open(strange_map(tmp_path / f"{first}.raymap", first)) as opened:

@@ -7,7 +7,8 @@ from typing import Any
 
 from viewer.app.actions_criterion import CriterionActions
 from viewer.drawn.state import StateError, state_to_json
-from viewer.export.gltf import to_glb, to_vtp
+from viewer.export.gltf import to_glb
+from viewer.export.vtp import to_vtp
 
 __all__ = ["ResultActions"]
 

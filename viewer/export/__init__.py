@@ -8,14 +8,19 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from viewer.export.files import SUFFIXES, export_3d
+    from viewer.export.files import export_3d
+    from viewer.export.format import EXPORT_FORMATS
 
-__all__ = ["SUFFIXES", "export_3d"]
+__all__ = ["EXPORT_FORMATS", "export_3d"]
 
 
 def __getattr__(name: str) -> Any:
-    if name in __all__:
-        from viewer.export import files
+    if name == "export_3d":
+        from viewer.export.files import export_3d
 
-        return getattr(files, name)
+        return export_3d
+    if name == "EXPORT_FORMATS":
+        from viewer.export.format import EXPORT_FORMATS
+
+        return EXPORT_FORMATS
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

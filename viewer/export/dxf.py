@@ -6,14 +6,16 @@ import io
 import logging
 import re
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from raymap.model.errors import MissingExtra
 from viewer.export.content import Content
+from viewer.export.format import ExportFormat
 
-__all__ = ["to_dxf"]
+__all__ = ["DXF", "to_dxf"]
 
 _UNITS = {"in": 1, "mm": 4, "cm": 5, "m": 6, "um": 13}
 _FORBIDDEN = re.compile(r"[<>/\\\":;?*|=`,\x00-\x1f]")
@@ -74,3 +76,17 @@ class _Layers:
         layer.rgb = rgb
         layer.transparency = transparency
         return unique
+
+
+def _write(content: Content, path: Path) -> None:
+    path.write_bytes(to_dxf(content))
+
+
+DXF = ExportFormat(
+    suffixes=(".dxf",),
+    title="a layer for each body and group of rays, in scene units",
+    place=3.0,
+    write=_write,
+)
+
+KINDS = (DXF,)

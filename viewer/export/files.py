@@ -7,18 +7,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast, get_args
 
 from raymap.model.errors import RayMapError
+from raymap.model.fileformat import by_suffix, known_suffixes
 from raymap.model.replacing import refuse_existing, replacing
 from viewer.drawn.state import COLOR_RULES
-from viewer.export.content import Content, Grouping, gather
-from viewer.export.gltf import to_glb, to_gltf, to_vtp
-from viewer.paint.rendering import write_beside
+from viewer.export.content import Grouping, gather
+from viewer.export.format import EXPORT_FORMATS
 
 if TYPE_CHECKING:
     from raymap.file.reader import RayMap
 
-__all__ = ["DEFAULT_RAYS", "SUFFIXES", "export_3d"]
+__all__ = ["DEFAULT_RAYS", "export_3d"]
 
-SUFFIXES = (".glb", ".gltf", ".vtp", ".dxf", ".step", ".stp")
 DEFAULT_RAYS = 500
 
 
@@ -40,7 +39,7 @@ def export_3d(
     ----------
     map : an open ray map
     path : ``*.glb``, ``*.gltf`` (metres, as glTF has it), ``*.vtp``, ``*.dxf`` (scene units),
-        ``*.step`` (millimetres)
+        ``*.step`` (millimetres), others as they are installed (``raymap kinds export_formats``)
     criterion : text, tree or JSON; None selects every ray
     rays : at most so many, the same ones every time
     color : one of `viewer.drawn.state.COLOR_RULES`
@@ -58,9 +57,10 @@ def export_3d(
     RayMapError, MapExists, MissingExtra
     """
     target = Path(path)
-    suffix = target.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise RayMapError(f"3D files end in {', '.join(SUFFIXES)}, not {target.name!r}")
+    chosen = by_suffix(EXPORT_FORMATS, target)
+    if chosen is None:
+        known = known_suffixes(EXPORT_FORMATS.kinds())
+        raise RayMapError(f"3D files end in {known}, not {target.name!r}")
     if color not in COLOR_RULES:
         raise RayMapError(f"no colour rule {color!r}; there are {', '.join(COLOR_RULES)}")
     if group not in get_args(Grouping):
@@ -75,7 +75,8 @@ def export_3d(
         tail=tail,
         scene=scene,
     )
-    _write(content, target, suffix)
+    with replacing(target) as beside:
+        chosen.write(content, beside)
     written = content.rays.n_rays
     return {
         "rays": written,
@@ -92,30 +93,3 @@ def _selected(map: RayMap, criterion: Any) -> int:
 
     given = None if isinstance(criterion, str) and not criterion.strip() else criterion
     return int(select(map, given, rays=False).matched)
-
-
-def _write(content: Content, target: Path, suffix: str) -> None:
-    if suffix in (".step", ".stp"):
-        from viewer.export.step import write_step
-
-        with replacing(target) as beside:
-            write_step(content, beside)
-        return
-    if suffix == ".dxf":
-        from viewer.export.dxf import to_dxf
-
-        data = to_dxf(content)
-    elif suffix == ".vtp":
-        unit = content.length_unit
-        data = to_vtp(content.rays, content.lines, content.rgba, content.bodies, length_unit=unit)
-    else:
-        make = to_glb if suffix == ".glb" else to_gltf
-        data = make(
-            content.bodies,
-            content.lines,
-            content.rgba,
-            groups=content.segment_groups(),
-            length_unit=content.length_unit,
-            title=content.title,
-        )
-    write_beside(target, data)

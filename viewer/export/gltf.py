@@ -1,7 +1,6 @@
-"""What is shown, as files for other programs: glTF (binary) and VTK PolyData.
+"""glTF 2.0, binary or text, written here without a graphics library.
 
-Both are written here without a graphics library; the formats are documented by the Khronos Group
-(glTF 2.0) and Kitware (XML PolyData, appended raw data).
+The format is documented by the Khronos Group.
 """
 
 from __future__ import annotations
@@ -9,7 +8,8 @@ from __future__ import annotations
 import base64
 import json
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,9 +19,10 @@ from raymap.model.units import length_scale
 from raymap.optics.colorimetry import decode_srgb
 from viewer.drawn.bodies import Body
 from viewer.drawn.lines import Lines
-from viewer.drawn.rays import DrawnRays
+from viewer.export.content import Content
+from viewer.export.format import ExportFormat
 
-__all__ = ["to_glb", "to_gltf", "to_vtp"]
+__all__ = ["GLB", "GLTF", "to_glb", "to_gltf"]
 
 _FLOAT, _UBYTE = 5126, 5121
 _LINES, _TRIANGLES = 1, 4
@@ -200,95 +201,33 @@ def _unit(normals: NDArray[np.float32]) -> NDArray[np.float32]:
     return safe.astype(np.float32)
 
 
-_VTK_TYPES = {"f4": "Float32", "f8": "Float64", "i8": "Int64", "i4": "Int32", "u1": "UInt8"}
-
-
-def to_vtp(
-    rays: DrawnRays,
-    lines: Lines,
-    rgba: NDArray[np.uint8],
-    bodies: Sequence[Body] = (),
-    *,
-    length_unit: str = "",
-) -> bytes:
-    """The rays' segments, and bodies, as an XML PolyData file.
-
-    Every line has its ray number, step, flux and colour; every triangle of a body the number of
-    its ``object`` and ``face`` (both -1 on lines), the names of the objects stand in the field
-    ``object_names``, the unit of length in ``length_unit``.
-
-    Parameters
-    ----------
-    rays : the drawn rays
-    lines : their segments [scene units]
-    rgba : (n_segments, 4) uint8
-    bodies : drawn as triangles
-    """
-    n = len(lines)
-    corners = [body.corners.reshape(-1, 3) for body in bodies]
-    triangles = sum(len(body.corners) for body in bodies)
-    step = lines.record - rays.offsets[:-1][lines.ray] if n else np.empty(0, np.int64)
-    colors = [
-        np.tile(np.append(np.rint(body.color * 255), 255 * body.opacity), (len(body.corners), 1))
-        for body in bodies
-    ]
-    owners = [np.full(len(body.corners), body.index) for body in bodies]
-
-    def column(values: NDArray[Any], kind: str, rest: Sequence[Any] = ()) -> NDArray[Any]:
-        filler = list(rest) or [np.full(triangles, -1)]
-        return np.concatenate([values, *filler]).astype(kind)
-
-    cells = {
-        "ray_id": column(rays.ray_ids[lines.ray], "<i8"),
-        "step": column(step, "<i4"),
-        "flux": column(rays.flux[lines.ray], "<f8", [np.zeros(triangles)]),
-        "rgba": column(rgba, "u1", [np.rint(color) for color in colors]) if colors else rgba,
-        "object": column(np.full(n, -1), "<i4", owners),
-        "face": column(np.full(n, -1), "<i4", [body.face for body in bodies]),
-    }
-    blocks: list[bytes] = []
-
-    def array(name: str, values: NDArray[Any]) -> str:
-        raw = np.ascontiguousarray(values).tobytes()
-        offset = sum(len(block) for block in blocks)
-        blocks.append(struct.pack("<Q", len(raw)) + raw)
-        kind = _VTK_TYPES[values.dtype.str[1:]]
-        width = 1 if values.ndim == 1 else values.shape[1]
-        return (
-            f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{width}" '
-            f'format="appended" offset="{offset}"/>'
+def _as(make: Callable[..., bytes]) -> Callable[[Content, Path], None]:
+    def write(content: Content, path: Path) -> None:
+        path.write_bytes(
+            make(
+                content.bodies,
+                content.lines,
+                content.rgba,
+                groups=content.segment_groups(),
+                length_unit=content.length_unit,
+                title=content.title,
+            )
         )
 
-    points = array(
-        "Points", np.concatenate([lines.segments.reshape(-1, 3), *corners]).astype("<f4")
-    )
-    connectivity = array("connectivity", np.arange(2 * n, dtype="<i8"))
-    ends = array("offsets", 2 * np.arange(1, n + 1, dtype="<i8"))
-    polygons = ""
-    if triangles:
-        polygons = array("connectivity", 2 * n + np.arange(3 * triangles, dtype="<i8"))
-        polygons += array("offsets", 3 * np.arange(1, triangles + 1, dtype="<i8"))
-    data = "".join(array(name, values) for name, values in cells.items())
-    names = {body.index: body.name for body in bodies}
-    labels = [names.get(k, "") for k in range(max(names, default=-1) + 1)]
-    field = _strings("object_names", labels) + _strings("length_unit", [length_unit])
-    head = (
-        '<?xml version="1.0"?>\n'
-        '<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt64">'
-        f"<PolyData><FieldData>{field}</FieldData>"
-        f'<Piece NumberOfPoints="{2 * n + 3 * triangles}" NumberOfVerts="0" '
-        f'NumberOfLines="{n}" NumberOfStrips="0" NumberOfPolys="{triangles}">'
-        f"<CellData>{data}</CellData><Points>{points}</Points>"
-        f"<Lines>{connectivity}{ends}</Lines><Polys>{polygons}</Polys>"
-        '</Piece></PolyData><AppendedData encoding="raw">_'
-    )
-    return head.encode() + b"".join(blocks) + b"</AppendedData></VTKFile>\n"
+    return write
 
 
-def _strings(name: str, texts: Sequence[str]) -> str:
-    """An array of texts: their bytes, each ended by a zero."""
-    codes = " ".join(" ".join(map(str, [*text.encode(), 0])) for text in texts)
-    return (
-        f'<Array type="String" Name="{name}" NumberOfTuples="{len(texts)}" format="ascii">'
-        f"{codes}</Array>"
-    )
+GLB = ExportFormat(
+    suffixes=(".glb",),
+    title="triangles and lines of glTF 2.0 in metres, binary",
+    place=1.0,
+    write=_as(to_glb),
+)
+GLTF = ExportFormat(
+    suffixes=(".gltf",),
+    title="triangles and lines of glTF 2.0 in metres, text",
+    place=1.5,
+    write=_as(to_gltf),
+)
+
+KINDS = (GLB, GLTF)

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from raymap.model.errors import MissingExtra, RayMapError
 from raymap.model.units import length_scale
 from viewer.export.content import Content
+from viewer.export.format import ExportFormat
 
-__all__ = ["write_step"]
+__all__ = ["STEP", "write_step"]
 
 _SHORTEST_MM = 1e-6
 
@@ -157,3 +158,13 @@ def _color(rgb: Any) -> Any:
     return Quantity.Quantity_Color(
         red, green, blue, Quantity.Quantity_TypeOfColor.Quantity_TOC_sRGB
     )
+
+
+STEP = ExportFormat(
+    suffixes=(".step", ".stp"),
+    title="curves and edges of STEP, a part for each, in millimetres",
+    place=4.0,
+    write=write_step,
+)
+
+KINDS = (STEP,)

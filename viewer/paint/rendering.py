@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from query.answers.images.formats.format import IMAGE_FORMATS
 from raymap.model.errors import RayMapError
 from raymap.model.extras import require
+from raymap.model.fileformat import by_suffix, known_suffixes
 from raymap.model.replacing import check_place, replacing
 from viewer.drawn.camera import STANDARD_VIEWS, UPWARD
 from viewer.drawn.scene import load_bodies
@@ -22,7 +24,7 @@ from viewer.drawn.state import COLOR_RULES, Upward, ViewState
 if TYPE_CHECKING:
     from raymap.file.reader import RayMap
 
-__all__ = ["NothingDrawn", "encode_jpeg", "encode_png", "picture", "write_beside"]
+__all__ = ["NothingDrawn", "encode_jpeg", "encode_png", "picture"]
 
 MAX_SIDE = 16_384
 
@@ -53,14 +55,6 @@ def _pillow() -> Any:
     from PIL import Image
 
     return Image
-
-
-def write_beside(path: str | Path, data: bytes) -> Path:
-    """Write a file under another name first, then rename it: never half a file."""
-    target = Path(path)
-    with replacing(target) as beside:
-        beside.write_bytes(data)
-    return target
 
 
 def picture(
@@ -111,8 +105,13 @@ def picture(
         raise RayMapError(
             f"a picture is 16 to {MAX_SIDE} pixels wide and high, not {width}x{height}"
         )
-    if out is not None and Path(out).suffix.lower() != ".png":
-        raise RayMapError(f"pictures end in .png, not {Path(out).name!r}")
+    if out is not None:
+        chosen = by_suffix(IMAGE_FORMATS, Path(out))
+        if chosen is None or chosen.paint is None:
+            known = known_suffixes(each for each in IMAGE_FORMATS.kinds() if each.paint is not None)
+            raise RayMapError(f"pictures end in {known}, not {Path(out).name!r}")
+        if chosen.package:
+            require(chosen.package)
     if color is not None and color not in COLOR_RULES:
         raise RayMapError(f"no colour rule {color!r}; there are {', '.join(COLOR_RULES)}")
     if view is not None and view not in STANDARD_VIEWS:
@@ -145,6 +144,10 @@ def picture(
         pixels = draw_legend(
             pixels, key, caption=caption, dark=base.dark, size=max(11, round(height / 56))
         )
-    if out is not None:
-        write_beside(out, encode_png(pixels, colors=colors))
+    if out is not None and chosen is not None and chosen.paint is not None:
+        with replacing(Path(out)) as beside:
+            if ".png" in chosen.suffixes:
+                beside.write_bytes(encode_png(pixels, colors=colors))
+            else:
+                chosen.paint(beside, pixels)
     return pixels

@@ -14,7 +14,7 @@ import raymap
 from raymap.model.errors import MapExists, RayMapError
 from viewer.drawn.answers import draw_rays
 from viewer.drawn.scene import load_bodies
-from viewer.export import SUFFIXES, export_3d
+from viewer.export import EXPORT_FORMATS, export_3d
 
 
 def positions(document: dict[str, Any], node: dict[str, Any]) -> np.ndarray:
@@ -178,7 +178,7 @@ def test_refusals(small_map: raymap.RayMap, tmp_path: Path) -> None:
 
 WITH_CAD = [
     pytest.param(each, marks=pytest.mark.peers) if each in (".dxf", ".step", ".stp") else each
-    for each in SUFFIXES
+    for each in EXPORT_FORMATS
 ]
 
 

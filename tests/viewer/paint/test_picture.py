@@ -21,7 +21,8 @@ from viewer.cli import parse_section
 from viewer.drawn.answers import draw_rays
 from viewer.drawn.scene import load_bodies
 from viewer.drawn.state import Section, StateError
-from viewer.export.gltf import to_glb, to_vtp
+from viewer.export.gltf import to_glb
+from viewer.export.vtp import to_vtp
 from viewer.paint.painter import Painter
 from viewer.paint.rendering import NothingDrawn
 

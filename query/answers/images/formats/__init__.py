@@ -1,0 +1,1 @@
+"""Formats of pictures: a format a file."""
