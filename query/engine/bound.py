@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from query.engine.context import Context, RayContext
 from query.engine.kleene import Bools, Pair, apply, exactly, gather
 from query.engine.surface_parameters import COMPARISONS
+from raymap.model.unfinished import Unfinished
 
 __all__ = [
     "BoundCompare",
@@ -56,7 +57,7 @@ class BoundNode:
 
     def on_rays(self, context: Context) -> Pair:
         """Truth for every ray; `evaluate` remembers it."""
-        raise NotImplementedError
+        raise Unfinished(self, "on_rays")
 
     def never(self, map: Any) -> str | None:
         """Why no ray of an open map can satisfy it, where that needs no ray to be looked at."""
@@ -76,7 +77,7 @@ class BoundPoint(BoundNode):
 
     def on_points(self, context: Context) -> Pair:
         """Truth for every point; `at_points` remembers it."""
-        raise NotImplementedError
+        raise Unfinished(self, "on_points")
 
     def on_rays(self, context: Context) -> Pair:
         return some_point(context, self)
@@ -88,7 +89,7 @@ class BoundMeeting(BoundNode):
 
     def on_meetings(self, context: Context) -> Pair:
         """Truth for every meeting."""
-        raise NotImplementedError
+        raise Unfinished(self, "on_meetings")
 
     def on_rays(self, context: Context) -> Pair:
         return apply(self.on_meetings(context), context.meetings.any)
@@ -106,9 +107,13 @@ class BoundCompare(BoundNode):
 class BoundValue(BoundCompare):
     """A number that is computed from streams: unknown on paths, exact on rays."""
 
+    def own_streams(self) -> tuple[str, ...]:
+        # Without any nobody would look at rays, and the unknown answer of paths would be the last
+        raise Unfinished(self, "own_streams")
+
     def values(self, context: RayContext) -> NDArray[Any]:
         """(n_rays,) the number of each ray; NaN where it is undefined."""
-        raise NotImplementedError
+        raise Unfinished(self, "values")
 
     def on_rays(self, context: Context) -> Pair:
         if not isinstance(context, RayContext):

@@ -21,6 +21,7 @@ from query.expression.words import (
     quoted,
 )
 from raymap.model.errors import CriterionError
+from raymap.model.unfinished import Unfinished
 
 __all__ = [
     "COMPARISONS",
@@ -86,23 +87,23 @@ class Argument:
 
     def takes(self, node: Any) -> bool:
         """Whether a part of a call is meant for this argument."""
-        raise NotImplementedError
+        raise Unfinished(self, "takes")
 
     def read(self, reader: TextReader, word: str, call: Any, nodes: Sequence[Any]) -> Any:
         """The value from its parts of the call ``call`` of the atom ``word``."""
-        raise NotImplementedError
+        raise Unfinished(self, "read")
 
     def show(self, value: Any) -> list[str]:
         """The value as texts between commas."""
-        raise NotImplementedError
+        raise Unfinished(self, "show")
 
     def to_json(self, value: Any) -> dict[str, Any]:
         """The keys that the value adds to the object of its atom."""
-        raise NotImplementedError
+        raise Unfinished(self, "to_json")
 
     def from_json(self, reader: JsonReader, word: str) -> Any:
         """The value from the object of its atom."""
-        raise NotImplementedError
+        raise Unfinished(self, "from_json")
 
     def criteria(self, value: Any) -> Sequence[Criterion]:
         """Criteria in the value."""

@@ -15,6 +15,7 @@ from query.expression.arguments import COMPARISONS, Argument, Names, Text
 from query.expression.criterion import Criterion
 from query.expression.words import finite, measure, measure_text
 from raymap.model.errors import CriterionError
+from raymap.model.unfinished import Unfinished
 
 __all__ = ["Atom", "Compare", "Comparison", "Condition", "Quantity"]
 
@@ -134,7 +135,7 @@ class Condition(Atom, Criterion):
 
     def bind(self, binder: Any, text: str) -> Any:
         """The `query.engine.bound.BoundNode` that answers on the map of a `Binder`."""
-        raise NotImplementedError
+        raise Unfinished(self, "bind")
 
 
 @dataclass(frozen=True)
@@ -161,7 +162,7 @@ class Quantity(Atom):
 
     def bind(self, binder: Any, comparison: Comparison, text: str) -> Any:
         """The `query.engine.bound.BoundNode` of a comparison on the map of a `Binder`."""
-        raise NotImplementedError
+        raise Unfinished(self, "bind")
 
     def __lt__(self, other: object) -> Compare:
         return Compare(self, "<", *measure(other))

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from raymap.model.errors import CriterionError
+from raymap.model.unfinished import Unfinished
 
 __all__ = ["OPERATORS", "And", "Criterion", "Not", "Or", "Then", "Xor", "check_point", "joinable"]
 
@@ -66,7 +67,7 @@ class Criterion:
 
     def to_json(self) -> dict[str, Any]:
         """The criterion as a JSON tree."""
-        raise NotImplementedError
+        raise Unfinished(self, "to_json")
 
 
 def joinable(value: object, operator: str) -> Criterion:

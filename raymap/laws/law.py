@@ -16,6 +16,7 @@ from pydantic import FailFast, Field
 
 from raymap.model.entry import Entry
 from raymap.model.errors import FormatError
+from raymap.model.unfinished import Unfinished
 
 __all__ = ["ByChannel", "InChannels", "Law", "Part", "Share", "Shares", "constant"]
 
@@ -105,6 +106,7 @@ class Law(Entry):
     def _shares(self, channels: InChannels, n_i: F64, n_o: F64, cos_i: F64) -> Shares:
         """As `shares`, whose arguments and result are checked there."""
         raise NotImplementedError
+        raise Unfinished(self, "shares")
 
 
 def constant(values: Sequence[float], cos_i: F64) -> F64:
