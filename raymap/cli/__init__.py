@@ -17,6 +17,7 @@ from typer.core import TyperCommand
 
 from raymap.cli.options import Panel
 from raymap.model.errors import CriterionError, RayMapError
+from raymap.model.parts import missing_part
 from raymap.model.plaintext import plain_text
 from raymap.rooms import check_room
 
@@ -66,7 +67,7 @@ def application(asked: str = "") -> typer.Typer:
             point.load()(app)
         except ModuleNotFoundError as error:
             # A package that is not installed takes its commands with it, not the others
-            if error.name not in (point.module, point.module.split(".")[0]):
+            if missing_part(error) is None:
                 raise
     only = [command for command in app.registered_commands if command.name == asked]
     app.registered_commands = only or sorted(app.registered_commands, key=_place_in_list)
@@ -139,7 +140,7 @@ def main() -> None:
     except ImportError as error:
         from raymap.model.extras import missing_extra
 
-        told = missing_extra(error)
+        told = missing_extra(error) or missing_part(error)
         if told is None:
             raise
         typer.echo(_told(told), err=True)

@@ -9,7 +9,8 @@ import typer
 
 from raymap.cli.options import Json, emit_json
 from raymap.model.errors import RayMapError
-from raymap.model.registry import OURS, Entry
+from raymap.model.parts import OURS
+from raymap.model.registry import Entry
 from raymap.rooms import registries
 
 __all__ = ["kinds", "markdown_table"]

@@ -20,7 +20,7 @@ from pathlib import Path
 from raymap.examination.finding import Finding
 from raymap.model.errors import RayMapError
 from raymap.model.extras import EXTRAS
-from raymap.model.registry import OURS
+from raymap.model.parts import OURS
 from raymap.rooms import ROOMS, check_room, home, registries
 
 __all__ = ["extras", "names", "plugins", "versions"]

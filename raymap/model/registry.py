@@ -16,13 +16,11 @@ from typing import Any, TypeVar
 
 from raymap.model.errors import RayMapError
 from raymap.model.names import nearest_names
+from raymap.model.parts import OURS, is_there
 
 __all__ = ["Entry", "Registry"]
 
 Kind = TypeVar("Kind")
-
-OURS = "raymap"
-"""The distribution of the product; its rooms register kinds by entry points, too."""
 
 LAST_PLACE = 1000.0
 """In lists, of kinds that do not say theirs (``place``)."""
@@ -162,6 +160,8 @@ class Registry(Mapping[str, Kind]):
         # A distribution that two folders of the path hold is there once
         points = {(p.name, p.value): p for p in reversed(list(entry_points(group=self.group)))}
         for (name, value), point in sorted(points.items()):
+            if not is_there(point):
+                continue
             yield value, point.dist.name if point.dist else "", name, _Pending(point)
 
     def _loaded(self, pending: _Pending) -> Kind:

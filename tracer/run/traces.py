@@ -12,6 +12,7 @@ from typing import Any
 
 from raymap.model.directory import ChannelSet, Directory
 from raymap.model.errors import SceneError
+from raymap.model.parts import is_there
 from tracer.run.natural import NaturalTrace
 from tracer.run.trace import Trace
 from tracer.scene.compilations import compilation_of
@@ -50,7 +51,7 @@ def trace_of(scene: str | Path | Scene | Compilation | Trace) -> Trace:
     described = scene.scene if isinstance(scene, Compilation) else scene
     if described.light == NATURAL:
         return NaturalTrace(compilation_of(scene))
-    known = {point.name: point for point in entry_points(group="tracer.traces")}
+    known = {point.name: point for point in entry_points(group="tracer.traces") if is_there(point)}
     if described.light not in known:
         raise SceneError(
             f"{described.origin}: nothing is installed that follows the light of this scene "

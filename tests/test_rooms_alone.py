@@ -1,0 +1,133 @@
+"""Rooms do without those that they do not know: a specialist deleted, the tracer not installed.
+
+The default run leaves packages out of a process (`tests.without`), on the sources as they are. The
+slow run deletes folders from a copy, and runs whole suites.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+SPECIALISTS = ("tracer.crystals", "tracer.lens", "tracer.polarized", "tracer.render")
+ASKS_FOR = {
+    "tracer.crystals": (ROOT / "samples" / "crystals" / "calcite_paths.toml", ""),
+    "tracer.lens": (ROOT / "samples" / "double_gauss.toml", "[trace]\nlens_trees = 8\n"),
+    "tracer.polarized": (ROOT / "samples" / "double_gauss.toml", '[trace]\nlight = "polarised"\n'),
+}
+"""Scenes that only the specialist can record, with what is added to them."""
+
+OWN_TESTS = {
+    "tracer.crystals": (
+        "tests/tracer/crystals", "tests/tracer/render", "tests/tracer/studies",
+        # Every way of following light side by side, crystals among them
+        "tests/tracer/run/test_one_run.py", "tests/tracer/scene/test_obeyed.py",
+        # All samples, among them those of crystals
+        "tests/tracer/scene/test_fuzz.py", "tests/tracer/scene/test_bad_input.py",
+        "tests/tracer/scene/test_no_key_is_idle.py",
+    ),
+    "tracer.lens": (
+        "tests/tracer/lens", "tests/tracer/studies", "tests/tracer/run/test_one_run.py",
+        "tests/tracer/scene/test_obeyed.py", "tests/tracer/scene/test_bad_input.py",
+        "tests/tracer/scene/test_no_key_is_idle.py",
+        # A train of lenses is one of its oracles
+        "tests/tracer/optics/test_interference.py",
+    ),
+    "tracer.polarized": (
+        "tests/tracer/polarized", "tests/tracer/run/test_one_run.py",
+        "tests/tracer/scene/test_obeyed.py", "tests/tracer/scene/test_bad_input.py",
+        "tests/tracer/scene/test_no_key_is_idle.py",
+        # Records a polarised map for a sample
+        "tests/tracer/test_samples.py",
+    ),
+    "tracer.render": ("tests/tracer/render", "tests/tracer/studies"),
+}  # fmt: skip
+"""Tests of a specialist itself, and those that use it beside others."""
+
+NEED_THE_TRACER = {
+    "tests/query/answers/test_beams.py": "reads luminaires back as the tracer does",
+    "tests/query/answers/test_ies_file.py": "reads luminaires back as the tracer does",
+    "tests/query/answers/test_comparison.py": "records pairs of scenes",
+    "tests/query/answers/test_images.py": "records a scene in one of its tests",
+    "tests/query/answers/test_rays_at_place.py": "records a scene, and rays handed on to another",
+}
+"""Tests of queries that are of the tracer as well; all others run on maps that they write."""
+
+
+def process(folder: Path, *words: object) -> subprocess.CompletedProcess[str]:
+    environment = os.environ | {"PYTHONPATH": str(folder)}
+    return subprocess.run(
+        [sys.executable, "-m", *map(str, words)], cwd=folder, env=environment,
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+
+
+def without(name: str, *words: object) -> subprocess.CompletedProcess[str]:
+    return process(ROOT, "tests.without", name, *words)
+
+
+@pytest.mark.parametrize("name", SPECIALISTS)
+def test_scenes_are_checked_and_recorded_without_a_specialist(name: str, tmp_path: Path) -> None:
+    for sample in ("double_gauss", "room"):
+        path, scene = tmp_path / f"{sample}.raymap", ROOT / "samples" / f"{sample}.toml"
+        done = without(name, "raymap", "record", scene, "-o", path, "--rays", 500, "--json")
+        assert done.returncode == 0, done.stderr
+        assert json.loads(done.stdout)["rays"] == 500
+    done = without(name, "raymap", "check", ROOT / "samples" / "double_gauss.toml", "--json")
+    assert done.returncode == 0, done.stderr
+    done = without(name, "raymap", "kinds", "--json")
+    assert done.returncode == 0, done.stderr
+    assert ("crystal" in done.stdout) == (name != "tracer.crystals")
+    done = without(name, "raymap", "--help")
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("name", ASKS_FOR)
+def test_scenes_that_need_it_are_refused_in_one_line(name: str, tmp_path: Path) -> None:
+    sample, more = ASKS_FOR[name]
+    scene = tmp_path / "scene.toml"
+    scene.write_text(sample.read_text(encoding="utf-8") + more, encoding="utf-8")
+    done = without(name, "raymap", "record", scene, "-o", tmp_path / "a.raymap", "--rays", 10)
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr
+    assert re.search(r"crystal|nothing is installed that follows the light", done.stderr)
+
+
+def test_words_of_criteria_and_pictures_do_without_the_tracer() -> None:
+    done = without("tracer", "pytest", "tests/query/atoms", "tests/viewer/export", "-q")
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.slow
+def test_suites_of_query_and_viewer_run_without_the_tracer() -> None:
+    ignored = [f"--ignore={path}" for path in NEED_THE_TRACER]
+    done = without("tracer", "pytest", "tests/query", "tests/viewer", "-q", *ignored)
+    assert done.returncode == 0, done.stdout[-4000:] + done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SPECIALISTS)
+def test_the_core_suites_pass_with_a_specialist_deleted(name: str, tmp_path: Path) -> None:
+    gone = name.replace(".", "/")
+    for part in ("raymap", "tracer", "query", "viewer", "service", "samples", "tests", "docs"):
+        shutil.copytree(
+            ROOT / part, tmp_path / part, ignore=shutil.ignore_patterns("__pycache__"),
+            ignore_dangling_symlinks=True,
+        )  # fmt: skip
+    for file in ("pyproject.toml", "README.md", "CHANGELOG.md"):
+        shutil.copy(ROOT / file, tmp_path / file)
+    shutil.rmtree(tmp_path / gone)
+    left_out = [f"--ignore={path}" for path in OWN_TESTS[name]]
+    done = process(
+        tmp_path, "pytest", "tests/raymap", "tests/query", "tests/viewer", "tests/tracer", "-q",
+        *left_out,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout[-4000:] + done.stderr
