@@ -105,8 +105,7 @@ class Law(Entry):
 
     def _shares(self, channels: InChannels, n_i: F64, n_o: F64, cos_i: F64) -> Shares:
         """As `shares`, whose arguments and result are checked there."""
-        raise NotImplementedError
-        raise Unfinished(self, "shares")
+        raise Unfinished(self, "_shares")
 
 
 def constant(values: Sequence[float], cos_i: F64) -> F64:

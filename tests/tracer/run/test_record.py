@@ -14,7 +14,7 @@ from raymap.cli import application
 from raymap.model.errors import MapExists, RayMapError, SceneMismatch
 from raymap.model.schema import PORTION_RECORDS
 from tracer.run.pieces import split_portion
-from tracer.run.recording import StoppedLight, record
+from tracer.run.recording import OtherChannels, StoppedLight, record
 from tracer.run.results import Progress
 from tracer.scene.compile import Compilation, compile_scene
 from tracer.scene.load import load_scene, parse_scene
@@ -132,7 +132,8 @@ def test_existing_maps_are_kept_and_other_scenes_refused(
         record(other, path, rays=100, append=True)
     assert path.read_bytes() == before
     spectral = compile_scene(load_scene(SAMPLE, variants=["spectral"]))
-    record(spectral, path, rays=100, append=True)
+    with pytest.warns(OtherChannels, match="R, G, B"):
+        record(spectral, path, rays=100, append=True)
     with raymap.open(path) as stored:
         assert stored.rays == 200
         assert [s.n_channels for s in stored.channel_sets] == [3, 11]
