@@ -28,7 +28,8 @@ F_KIND, F_OBJECT, F_TRIANGLE, F_SURFACE, F_INSIDE, F_OUTSIDE, F_DETECTOR, F_EVEN
 #   facets: table of a rough surface
 #   reflected, transmitted: measured scatter to either side
 #   own: numbers of a kind that is described by a law (`tracer.surfaces.law`), and how many
-#   meet, towards, sample, evaluate, pdf: addresses of compiled functions, 0 until they are known
+#   aimed: whether scattered light may be aimed: 0 no, 1 on the side of the light, 2 on both
+#   meet ... pdf: addresses of compiled functions, 0 until they are known
 (
     S_KIND,
     S_MODEL,
@@ -42,13 +43,16 @@ F_KIND, F_OBJECT, F_TRIANGLE, F_SURFACE, F_INSIDE, F_OUTSIDE, F_DETECTOR, F_EVEN
     S_TRANSMITTED,
     S_OWN,
     S_OWN_SIZE,
+    S_AIMED,
     S_MEET,
     S_TOWARDS,
+    S_DRAW,
+    S_WEIGH,
     S_SAMPLE,
     S_EVALUATE,
     S_PDF,
-) = range(17)
-S_COLUMNS = 17
+) = range(20)
+S_COLUMNS = 20
 SURFACE_ROW = 16
 
 # Columns of medium_i; medium_f holds index, absorption, scattering (C each) [1 / scene unit] and

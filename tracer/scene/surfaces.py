@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.laws.law import Law
-from tracer.compiled import S_COLUMNS, S_KIND, S_MODEL, SURFACE_ROW
+from tracer.compiled import S_AIMED, S_COLUMNS, S_KIND, S_MODEL, SURFACE_ROW
 from tracer.scene.media import MediumTable
 from tracer.surfaces.linking import number_of
 from tracer.surfaces.surface import Surface, SurfaceRow, TablePool
@@ -42,6 +42,7 @@ def compile_surfaces(
     for row, (_, surface) in zip(rows, surfaces, strict=True):
         row.integers[S_KIND] = number_of(type(surface))
         surface.compile(row)
+        row.integers[S_AIMED] = surface.aimed_sides()
         if surface.law is not None:
             row.integers[S_MODEL] = int(surface.law.diffuse)
     width = SURFACE_ROW + 2 * len(wavelengths_nm)

@@ -10,14 +10,12 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from raymap.jit.kernels import inline_kernel, inner_kernel, unsigned
-from raymap.jit.types import F64, I64
 from raymap.laws.law import Law as StoredLaw
 from raymap.laws.radial import RadialScatter
 from raymap.laws.smooth import FresnelLaw
 from raymap.laws.stack import StackLaw, StoredLayer
-from raymap.laws.table import TableLaw, coating_share, measured_at_channels
-from raymap.model.events import Event
-from raymap.optics.fresnel import cos2_refracted, fresnel_reflectance, partial_reflectance
+from raymap.laws.table import TableLaw, measured_at_channels
+from raymap.optics.fresnel import cos2_refracted, partial_reflectance
 from tracer.compiled import (
     DIELECTRIC,
     M_DISPERSIVE,
@@ -30,150 +28,130 @@ from tracer.compiled import (
 from tracer.description.fields import Finite, Length, Node, Positive, Share, Spectral
 from tracer.rays.colors import COLORS, pick_channel, recolor
 from tracer.rays.random import advance, uniform
-from tracer.surfaces.interaction import ABSORBED, GLOSSY_REFLECTION, GLOSSY_TRANSMISSION
+from tracer.surfaces.interaction import (
+    ABSORBED,
+    GLOSSY_REFLECTION,
+    GLOSSY_TRANSMISSION,
+    SELECT,
+    SPECULAR_REFLECTION,
+    SPECULAR_REFRACTION,
+    TIR,
+    Interface,
+    Light,
+    Meeting,
+    Optics,
+    Way,
+    reflected_way,
+)
 from tracer.surfaces.scatter import Scatter
-from tracer.surfaces.specular import scatter_specular
+from tracer.surfaces.specular import scatter_specular, smooth_shares
 from tracer.surfaces.surface import Surface, SurfaceRow
 
 __all__ = [
     "Coating",
     "CoatingLayer",
     "Dielectric",
-    "coating",
+    "changes_by_channel",
     "meet_dielectric",
+    "recolor_reflected",
     "scatter_if_specular",
 ]
 
 Array = NDArray[np.float64]
 
 
-_REFLECTED = int(Event.SPECULAR_REFLECTION)
-_REFRACTED = int(Event.SPECULAR_REFRACTION)
-_TIR = int(Event.TIR)
-_SELECT = int(Event.DISPERSIVE_SELECT)
-_SPECULAR = _REFLECTED | _REFRACTED | _TIR
+_SPECULAR = SPECULAR_REFLECTION | SPECULAR_REFRACTION | TIR
 
 
 @inline_kernel
-def meet_dielectric(
-    surface_i: I64, surface_f: F64, medium_i: I64, medium_f: F64, tables: F64 | None,
-    surface: int, medium: int, other: int, dx: float, dy: float, dz: float,
-    nx: float, ny: float, nz: float, cos_i: float, code: int, colors: F64, counters: I64,
-    state: np.uint64, follow: int,
-) -> tuple[int, bool, float, float, float, int, np.uint64]:  # fmt: skip
+def meet_dielectric(optics: Optics, at: Interface, way: Way, light: Light, follow: int) -> Meeting:
     """Smooth interface, bare or coated: reflection or refraction by roulette.
 
     Where the index depends on the channel, a channel is drawn first. If the ray is refracted it
     goes on in that channel alone; if it is reflected, all channels are, each with its reflectance.
     """
+    code, colors, state = light.code, light.colors, light.state
     n_channels = colors.shape[1]
-    select = code >= n_channels and (
-        medium_i[medium, M_DISPERSIVE] | medium_i[other, M_DISPERSIVE] != 0
-        or surface_i[surface, S_MODEL] >= 2
-    )
+    model = optics.surface_i[at.surface, S_MODEL]
+    select = code >= n_channels and changes_by_channel(optics, at)
     k = code if code < n_channels else 0
     if select:
         state = advance(state)
         k = pick_channel(colors, code, uniform(state))
     channel = unsigned(k)
-    n1, n2 = medium_f[medium, channel], medium_f[other, channel]
+    n1, n2 = optics.medium_f[at.medium, channel], optics.medium_f[at.other, channel]
     eta = n1 / n2
-    cos2_t = cos2_refracted(eta, cos_i)
+    cos2_t = cos2_refracted(eta, at.cos_i)
     if cos2_t > 0.0:
         state = advance(state)
         cos_t = math.sqrt(cos2_t)
         u = uniform(state)
-        model = surface_i[surface, S_MODEL]
         if model == 0:
-            reflectance = partial_reflectance(n1, n2, cos_i, cos_t)
+            # What `smooth_shares` says, with the root that is at hand
+            reflectance = partial_reflectance(n1, n2, at.cos_i, cos_t)
         elif model != 2:
-            reflectance = surface_f[surface, SURFACE_ROW + channel]
+            reflectance = optics.surface_f[at.surface, SURFACE_ROW + channel]
         else:
-            place = surface_i[surface, S_COATING] + k * surface_i[surface, S_COATING_STEP]
-            reflectance, transmittance = coating(tables, place, n1, n2, cos_i)
+            reflectance, transmittance = smooth_shares(optics, at, k)
             if u >= reflectance + transmittance and follow == 0:
-                return ABSORBED, False, dx, dy, dz, k if select else code, state
+                return ABSORBED, False, way.dx, way.dy, way.dz, k if select else code, state
         if u >= reflectance or follow == 1:
-            event = _REFRACTED
+            event = SPECULAR_REFRACTION
             if select:
-                event |= _SELECT
+                event |= SELECT
                 code = k
-            along = eta * cos_i - cos_t
-            return event, True, eta * dx + along * nx, eta * dy + along * ny, eta * dz + along * nz, code, state  # fmt: skip # noqa: E501
-        event = _REFLECTED
+            along = eta * at.cos_i - cos_t
+            return (
+                event, True, eta * way.dx + along * way.nx, eta * way.dy + along * way.ny,
+                eta * way.dz + along * way.nz, code, state,
+            )  # fmt: skip
+        event = SPECULAR_REFLECTION
     else:
-        event = _TIR
-        if surface_i[surface, S_MODEL] == 2:
+        event = TIR
+        if model == 2:
             # A coating that absorbs frustrates total reflection
             state = advance(state)
-            place = surface_i[surface, S_COATING] + k * surface_i[surface, S_COATING_STEP]
-            reflectance, _ = coating(tables, place, n1, n2, cos_i)
+            reflectance, _ = smooth_shares(optics, at, k)
             if uniform(state) >= reflectance:
-                return ABSORBED, False, dx, dy, dz, k if select else code, state
+                return ABSORBED, False, way.dx, way.dy, way.dz, k if select else code, state
     if select:
-        code = _recolor_reflected(
-            surface_i,
-            surface_f,
-            medium_f,
-            tables,
-            surface,
-            medium,
-            other,
-            cos_i,
-            code,
-            colors,
-            counters,
-        )
-    along = 2.0 * cos_i
-    return event, False, dx + along * nx, dy + along * ny, dz + along * nz, code, state
-
-
-@inner_kernel
-def _recolor_reflected(
-    surface_i: I64, surface_f: F64, medium_f: F64, tables: F64 | None, surface: int, medium: int,
-    other: int, cos_i: float, code: int, colors: F64, counters: I64,
-) -> int:  # fmt: skip
-    """Colour after reflection where each channel has its own reflectance; total stays total."""
-    spare = counters[COLORS] + 1
-    for j in range(colors.shape[1]):
-        reflectance = fresnel_reflectance(medium_f[medium, j], medium_f[other, j], cos_i)
-        if surface_i[surface, S_MODEL] == 2:
-            place = surface_i[surface, S_COATING] + j * surface_i[surface, S_COATING_STEP]
-            reflectance, _ = coating(tables, place, medium_f[medium, j], medium_f[other, j], cos_i)
-        elif reflectance < 1.0 and surface_i[surface, S_MODEL] != 0:
-            reflectance = surface_f[surface, SURFACE_ROW + j]
-        colors[spare, j] = reflectance
-    return recolor(colors, code, colors, spare, np.int64(0), counters)
+        code = recolor_reflected(optics, at, light)
+    way = reflected_way(at, way)
+    return event, False, way.dx, way.dy, way.dz, code, state
 
 
 @inline_kernel
-def coating(
-    tables: F64 | None, place: int, n1: float, n2: float, cos_i: float
-) -> tuple[float, float]:
-    """Reflectance and transmittance from a coating's table."""
-    if tables is None:
-        return 0.0, 1.0
-    return coating_share(tables, place, n1, n2, cos_i)
+def changes_by_channel(optics: Optics, at: Interface) -> bool:
+    """Whether an interface treats the channels unlike."""
+    dispersive = optics.medium_i[at.medium, M_DISPERSIVE] | optics.medium_i[at.other, M_DISPERSIVE]
+    return bool(dispersive != 0 or optics.surface_i[at.surface, S_MODEL] >= 2)
+
+
+@inner_kernel
+def recolor_reflected(optics: Optics, at: Interface, light: Light) -> int:
+    """Colour after reflection where each channel has its own reflectance; total stays total."""
+    spare = light.counters[COLORS] + 1
+    for j in range(light.colors.shape[1]):
+        light.colors[spare, j], _ = smooth_shares(optics, at, j)
+    return recolor(light.colors, light.code, light.colors, spare, np.int64(0), light.counters)
 
 
 @inner_kernel
 def scatter_if_specular(
-    surface_i: I64, surface_f: F64, medium_f: F64, tables: F64, surface: int, medium: int,
-    other: int, cos_i: float, happened: int, crosses: bool, nx: float, ny: float, nz: float,
-    dx: float, dy: float, dz: float, code: int, colors: F64, counters: I64, state: np.uint64,
-) -> tuple[int, float, float, float, int, np.uint64]:  # fmt: skip
+    optics: Optics, at: Interface, way: Way, light: Light, met: Meeting
+) -> Meeting:
     """Give the surface's scatter its share of light that was reflected or refracted."""
-    if surface_i[surface, S_SCATTER] < 0 or happened & _SPECULAR == 0:
-        return happened, dx, dy, dz, code, state
+    happened, crosses, dx, dy, dz, code, state = met
+    if optics.surface_i[at.surface, S_SCATTER] < 0 or happened & _SPECULAR == 0:
+        return met
     side = -1.0 if crosses else 1.0
-    scattered, dx, dy, dz, code, state = scatter_specular(
-        surface_i, surface_f, medium_f, tables, surface, medium, other, cos_i, crosses, side * nx,
-        side * ny, side * nz, dx, dy, dz, code, colors, counters, state,
-    )  # fmt: skip
+    leaving = Way(dx, dy, dz, side * way.nx, side * way.ny, side * way.nz)
+    light = Light(code, light.colors, light.counters, state)
+    scattered, dx, dy, dz, code, state = scatter_specular(optics, at, crosses, leaving, light)
     if scattered:
         glossy = GLOSSY_TRANSMISSION if crosses else GLOSSY_REFLECTION
-        happened = (happened & _SELECT) | glossy
-    return happened, dx, dy, dz, code, state
+        happened = (happened & SELECT) | glossy
+    return happened, crosses, dx, dy, dz, code, state
 
 
 class CoatingLayer(Node):

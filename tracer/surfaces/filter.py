@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from raymap.jit.kernels import inner_kernel, stage_kernel
+from raymap.jit.kernels import stage_kernel
 from raymap.laws.law import Law as StoredLaw
 from raymap.laws.sheet import FilterLaw, filter_transmittance
 from raymap.model.events import Event
@@ -17,14 +17,14 @@ from tracer.rays.random import advance, uniform
 from tracer.surfaces.interaction import ABSORBED, Hit, Light, Optics, Outcome
 from tracer.surfaces.surface import Surface, SurfaceRow
 
-__all__ = ["Filter", "meet_filter", "pass_filter"]
+__all__ = ["Filter", "meet_filter"]
 
 
 _REFRACTED = int(Event.SPECULAR_REFRACTION)
 
 
-@inner_kernel
-def pass_filter(optics: Optics, hit: Hit, light: Light) -> Outcome:
+@stage_kernel
+def meet_filter(optics: Optics, hit: Hit, light: Light) -> Outcome:
     """Go straight on, or be absorbed."""
     colors, counters, code = light.colors, light.counters, light.code
     n_channels = colors.shape[1]
@@ -40,12 +40,6 @@ def pass_filter(optics: Optics, hit: Hit, light: Light) -> Outcome:
         return ABSORBED, 0.0, 0.0, 0.0, code, state
     code = recolor(colors, code, colors, spare, np.int64(0), counters)
     return _REFRACTED, 0.0, 0.0, 0.0, code, state
-
-
-@stage_kernel
-def meet_filter(optics: Optics, hit: Hit, light: Light) -> Outcome:
-    """As `pass_filter`."""
-    return pass_filter(optics, hit, light)
 
 
 class Filter(Surface):

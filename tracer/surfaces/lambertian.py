@@ -8,61 +8,105 @@ from typing import Any, Literal
 import numpy as np
 
 from raymap.jit.kernels import inner_kernel
-from raymap.jit.types import F64, I64
 from raymap.laws.lambertian import LambertianLaw
 from raymap.laws.law import Law as StoredLaw
-from raymap.model.events import Event
 from tracer.compiled import LAMBERTIAN, SURFACE_ROW
 from tracer.description.fields import Spectral
 from tracer.rays.colors import COLORS, mean_of, recolor, recolor_lost
-from tracer.rays.directions import about
+from tracer.rays.directions import about, turned
 from tracer.rays.random import advance, uniform
-from tracer.surfaces.interaction import ABSORBED
+from tracer.surfaces.interaction import (
+    ABSORBED,
+    DIFFUSE_REFLECTION,
+    DIFFUSE_TRANSMISSION,
+    Hit,
+    Light,
+    Meeting,
+    Optics,
+    Outcome,
+    Way,
+)
 from tracer.surfaces.surface import Surface, SurfaceRow
 
-__all__ = ["Lambertian", "diffuse", "meet_lambertian", "recolor_diffuse_lost"]
-
-
-_DIFFUSE_REFLECTION = int(Event.DIFFUSE_REFLECTION)
-_DIFFUSE_TRANSMISSION = int(Event.DIFFUSE_TRANSMISSION)
+__all__ = ["Lambertian", "diffuse", "draw_lambertian", "meet_lambertian", "weigh_lambertian"]
 
 
 @inner_kernel
-def meet_lambertian(
-    surface_f: F64, surface: int, dx: float, dy: float, dz: float, nx: float, ny: float,
-    nz: float, code: int, colors: F64, counters: I64, state: np.uint64,
-) -> tuple[int, bool, float, float, float, int, np.uint64]:  # fmt: skip
+def meet_lambertian(optics: Optics, surface: int, way: Way, light: Light) -> Meeting:
     """Diffuse reflection, diffuse transmission or absorption."""
+    surface_f, colors, counters, code = optics.surface_f, light.colors, light.counters, light.code
     reflectance = np.int64(SURFACE_ROW)
     transmittance = reflectance + colors.shape[1]
-    state = advance(state)
+    state = advance(light.state)
     u = uniform(state)
     back = mean_of(colors, code, surface_f, surface, reflectance)
     if u < back:
         code = recolor(colors, code, surface_f, surface, reflectance, counters)
-        dx, dy, dz, state = diffuse(nx, ny, nz, state)
-        return _DIFFUSE_REFLECTION, False, dx, dy, dz, code, state
+        dx, dy, dz, state = diffuse(way.nx, way.ny, way.nz, state)
+        return DIFFUSE_REFLECTION, False, dx, dy, dz, code, state
     if u < back + mean_of(colors, code, surface_f, surface, transmittance):
         code = recolor(colors, code, surface_f, surface, transmittance, counters)
-        dx, dy, dz, state = diffuse(-nx, -ny, -nz, state)
-        return _DIFFUSE_TRANSMISSION, True, dx, dy, dz, code, state
-    code = recolor_diffuse_lost(colors, code, surface_f, surface, counters)
-    return ABSORBED, False, dx, dy, dz, code, state
+        dx, dy, dz, state = diffuse(-way.nx, -way.ny, -way.nz, state)
+        return DIFFUSE_TRANSMISSION, True, dx, dy, dz, code, state
+    code = _recolor_lost(optics, surface, light)
+    return ABSORBED, False, way.dx, way.dy, way.dz, code, state
 
 
 @inner_kernel
-def recolor_diffuse_lost(
-    colors: F64, code: int, surface_f: F64, surface: int, counters: I64
-) -> int:
+def _recolor_lost(optics: Optics, surface: int, light: Light) -> int:
     """Colour of what a diffuse surface neither reflects nor transmits."""
+    colors, code = light.colors, light.code
     n_channels: int = colors.shape[1]
     if code < n_channels:
         return code
-    spare = counters[COLORS] + 1
+    spare = light.counters[COLORS] + 1
     for k in range(n_channels):
-        back = surface_f[surface, SURFACE_ROW + k]
-        colors[spare, k] = back + surface_f[surface, SURFACE_ROW + n_channels + k]
-    return recolor_lost(colors, code, colors, spare, np.int64(0), counters)
+        back = optics.surface_f[surface, SURFACE_ROW + k]
+        colors[spare, k] = back + optics.surface_f[surface, SURFACE_ROW + n_channels + k]
+    return recolor_lost(colors, code, colors, spare, np.int64(0), light.counters)
+
+
+@inner_kernel
+def _sides(optics: Optics, surface: int, light: Light) -> tuple[float, float]:
+    """What is reflected of the light, and what is transmitted."""
+    column = np.int64(SURFACE_ROW)
+    beyond = column + light.colors.shape[1]
+    return (
+        mean_of(light.colors, light.code, optics.surface_f, surface, column),
+        mean_of(light.colors, light.code, optics.surface_f, surface, beyond),
+    )
+
+
+@inner_kernel
+def draw_lambertian(optics: Optics, hit: Hit, light: Light) -> Outcome:
+    """`tracer.surfaces.interaction.DRAW`: sides in the proportion of their light."""
+    back, through = _sides(optics, hit.surface, light)
+    u1 = advance(light.state)
+    u2 = advance(u1)
+    if not back + through > 0.0:
+        return ABSORBED, 0.0, 0.0, 1.0, light.code, light.state
+    square = uniform(u1)
+    along, across = turned(uniform(u2))
+    x, y, z = math.sqrt(square) * along, math.sqrt(square) * across, math.sqrt(1.0 - square)
+    if through <= 0.0:
+        return DIFFUSE_REFLECTION, x, y, z, light.code, u2
+    state = advance(u2)
+    if uniform(state) * (back + through) < back:
+        return DIFFUSE_REFLECTION, x, y, z, light.code, state
+    return DIFFUSE_TRANSMISSION, x, y, -z, light.code, state
+
+
+@inner_kernel
+def weigh_lambertian(optics: Optics, hit: Hit, light: Light, z: float, row: int) -> float:
+    """`tracer.surfaces.interaction.WEIGH`."""
+    back, through = _sides(optics, hit.surface, light)
+    column = SURFACE_ROW if z > 0.0 else SURFACE_ROW + light.colors.shape[1]
+    side = (back if z > 0.0 else through) / (back + through)
+    if not side > 0.0:
+        return 0.0
+    for k in range(light.colors.shape[1]):
+        light.colors[row, k] = optics.surface_f[hit.surface, column + k] / side
+    return side * abs(z) / math.pi
 
 
 @inner_kernel

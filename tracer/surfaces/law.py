@@ -17,12 +17,13 @@ from raymap.jit.compiling import Door
 from raymap.jit.kernels import inner_kernel, number, stage_kernel
 from raymap.jit.types import F64
 from raymap.model.errors import SceneError
-from raymap.model.events import Event
 from tracer.compiled import S_EVALUATE, S_MODEL, S_OWN, S_OWN_SIZE, S_PDF, S_SAMPLE
 from tracer.rays.colors import COLORS, mean_of, recolor, recolor_lost
 from tracer.rays.random import five_uniform
 from tracer.surfaces.interaction import (
     ABSORBED,
+    DIFFUSE_REFLECTION,
+    DIFFUSE_TRANSMISSION,
     GLOSSY_REFLECTION,
     GLOSSY_TRANSMISSION,
     Hit,
@@ -37,16 +38,11 @@ __all__ = [
     "SAMPLE",
     "Law",
     "check_law",
-    "density_by_law",
     "draw_by_law",
-    "event_by_law",
     "meet_by_law",
-    "shares_by_law",
     "towards_by_law",
+    "weigh_by_law",
 ]
-
-_DIFFUSE_REFLECTION = int(Event.DIFFUSE_REFLECTION)
-_DIFFUSE_TRANSMISSION = int(Event.DIFFUSE_TRANSMISSION)
 
 _OWN = np.zeros(1)
 _WAY = (0.0, 0.0, 1.0)
@@ -88,7 +84,7 @@ class Law:
 
 
 @inner_kernel
-def draw_by_law(
+def _direction(
     optics: Optics, hit: Hit, u1: float, u2: float, u3: float
 ) -> tuple[float, float, float]:
     """A direction from the law."""
@@ -105,7 +101,7 @@ def draw_by_law(
 
 
 @inner_kernel
-def density_by_law(optics: Optics, hit: Hit, x: float, y: float, z: float) -> float:
+def _density(optics: Optics, hit: Hit, x: float, y: float, z: float) -> float:
     """Density with which the law draws a direction."""
     first = optics.surface_i[hit.surface, S_OWN]
     own = optics.tables[first : first + optics.surface_i[hit.surface, S_OWN_SIZE]]
@@ -134,22 +130,22 @@ def _bsdf(optics: Optics, hit: Hit, x: float, y: float, z: float, channel: int) 
 
 
 @inner_kernel
-def shares_by_law(
-    optics: Optics, hit: Hit, x: float, y: float, z: float, density: float, colors: F64, row: int
-) -> None:
-    """Share of the light of each channel that goes on in a direction drawn with a density."""
+def _weigh(optics: Optics, hit: Hit, x: float, y: float, z: float, colors: F64, row: int) -> float:
+    """The density of a direction, and the share of the light of each channel that goes on."""
+    density = _density(optics, hit, x, y, z)
     for k in range(colors.shape[1]):
         share = 0.0
         if density > 0.0:
             share = min(1.0, _bsdf(optics, hit, x, y, z, number(k)) * abs(z) / density)
         colors[row, k] = share
+    return density
 
 
 @inner_kernel
-def event_by_law(optics: Optics, hit: Hit, z: float) -> int:
+def _event(optics: Optics, hit: Hit, z: float) -> int:
     """What is said to have happened."""
     if optics.surface_i[hit.surface, S_MODEL] == 1:
-        return _DIFFUSE_REFLECTION if z > 0.0 else _DIFFUSE_TRANSMISSION
+        return DIFFUSE_REFLECTION if z > 0.0 else DIFFUSE_TRANSMISSION
     return GLOSSY_REFLECTION if z > 0.0 else GLOSSY_TRANSMISSION
 
 
@@ -158,14 +154,30 @@ def meet_by_law(optics: Optics, hit: Hit, light: Light) -> Outcome:
     """Draw a direction; go on with the share that the law gives, or be absorbed."""
     colors, counters, code = light.colors, light.counters, light.code
     u, state = five_uniform(light.state)
-    x, y, z = draw_by_law(optics, hit, u[0], u[1], u[2])
+    x, y, z = _direction(optics, hit, u[0], u[1], u[2])
     spare = counters[COLORS] + 1
-    shares_by_law(optics, hit, x, y, z, density_by_law(optics, hit, x, y, z), colors, spare)
+    _weigh(optics, hit, x, y, z, colors, spare)
     if u[3] >= mean_of(colors, code, colors, spare, np.int64(0)):
         code = recolor_lost(colors, code, colors, spare, np.int64(0), counters)
         return ABSORBED, 0.0, 0.0, 1.0, code, state
     code = recolor(colors, code, colors, spare, np.int64(0), counters)
-    return event_by_law(optics, hit, z), x, y, z, code, state
+    return _event(optics, hit, z), x, y, z, code, state
+
+
+@stage_kernel
+def draw_by_law(optics: Optics, hit: Hit, light: Light) -> Outcome:
+    """A direction from the law."""
+    u, state = five_uniform(light.state)
+    x, y, z = _direction(optics, hit, u[0], u[1], u[2])
+    return _event(optics, hit, z), x, y, z, light.code, state
+
+
+@stage_kernel
+def weigh_by_law(
+    optics: Optics, hit: Hit, light: Light, x: float, y: float, z: float, row: int
+) -> float:
+    """Its density, and what goes on of each channel."""
+    return _weigh(optics, hit, x, y, z, light.colors, row)
 
 
 @stage_kernel

@@ -10,9 +10,27 @@ import numpy as np
 
 from raymap.jit.compiling import Door, Task, address_of
 from raymap.jit.types import I64
-from tracer.compiled import MIRROR, S_EVALUATE, S_KIND, S_MEET, S_PDF, S_SAMPLE, S_TOWARDS
-from tracer.surfaces.interaction import MEET, TOWARDS
-from tracer.surfaces.law import EVALUATE, PDF, SAMPLE, meet_by_law, towards_by_law
+from tracer.compiled import (
+    MIRROR,
+    S_DRAW,
+    S_EVALUATE,
+    S_KIND,
+    S_MEET,
+    S_PDF,
+    S_SAMPLE,
+    S_TOWARDS,
+    S_WEIGH,
+)
+from tracer.surfaces.interaction import DRAW, MEET, TOWARDS, WEIGH
+from tracer.surfaces.law import (
+    EVALUATE,
+    PDF,
+    SAMPLE,
+    draw_by_law,
+    meet_by_law,
+    towards_by_law,
+    weigh_by_law,
+)
 from tracer.surfaces.registry import SURFACES
 from tracer.surfaces.surface import Surface
 
@@ -41,18 +59,21 @@ class _Link(NamedTuple):
     task: Task
 
 
-def surface_tasks(surface_i: I64, *, towards: bool = False) -> list[Task]:
+def surface_tasks(surface_i: I64, *, weighed: bool = False) -> list[Task]:
     """What is to be compiled for the kinds of a scene that are called by address."""
-    return [link.task for link in _links(surface_i, towards=towards)]
+    return [link.task for link in _links(surface_i, towards=False, weighed=weighed)]
 
 
-def link_surfaces(surface_i: I64, *, towards: bool = False) -> None:
-    """Fill in the addresses that rays (with ``towards``: pinholes, too) need of a scene's kinds."""
-    for link in _links(surface_i, towards=towards):
+def link_surfaces(surface_i: I64, *, towards: bool = False, weighed: bool = False) -> None:
+    """Fill in the addresses that rays need of a scene's kinds.
+
+    ``towards``: pinholes ask them, too. ``weighed``: rays carry weights.
+    """
+    for link in _links(surface_i, towards=towards, weighed=weighed):
         surface_i[surface_i[:, S_KIND] == link.kind, link.column] = address_of(link.task)
 
 
-def _links(surface_i: I64, *, towards: bool) -> Iterator[_Link]:
+def _links(surface_i: I64, *, towards: bool, weighed: bool) -> Iterator[_Link]:
     """What kinds are called for; the plain ones and mirrors are part of their callers."""
     present = {int(number) for number in np.unique(surface_i[:, S_KIND])}
     if max(present, default=0) <= MIRROR:
@@ -77,3 +98,7 @@ def _links(surface_i: I64, *, towards: bool) -> Iterator[_Link]:
         last = towards_by_law if law is not None else kind.towards
         if towards and last is not None:
             yield link(S_TOWARDS, TOWARDS, last)
+        draw = draw_by_law if law is not None else kind.draw
+        if weighed and draw is not None:
+            yield link(S_DRAW, DRAW, draw)
+            yield link(S_WEIGH, WEIGH, weigh_by_law if law is not None else kind.weigh)

@@ -8,53 +8,58 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.jit.kernels import inner_kernel
-from raymap.jit.types import F64, I64
 from raymap.laws.law import Law as StoredLaw
 from raymap.laws.mirror import MirrorLaw
-from raymap.model.events import Event
 from tracer.compiled import MIRROR, S_METAL, S_SCATTER
 from tracer.description.fields import Node, Spectral
 from tracer.rays.random import advance, uniform
-from tracer.surfaces.interaction import ABSORBED, GLOSSY_REFLECTION
+from tracer.surfaces.interaction import (
+    ABSORBED,
+    GLOSSY_REFLECTION,
+    SPECULAR_REFLECTION,
+    Interface,
+    Light,
+    Meeting,
+    Optics,
+    Way,
+    reflected_way,
+)
 from tracer.surfaces.metals import survive_metal
 from tracer.surfaces.scatter import Scatter
 from tracer.surfaces.specular import scatter_specular
 from tracer.surfaces.surface import Surface, SurfaceRow
 
-__all__ = ["METAL_SPLITS", "Metal", "Mirror", "meet_mirror"]
+__all__ = ["METAL_SPLITS", "Metal", "Mirror", "meet_mirror", "reflect_at_mirror"]
 
 Array = NDArray[np.float64]
 
 METAL_SPLITS = "a metal n + i k reflects s and p unlike"
 
 
-_REFLECTED = int(Event.SPECULAR_REFLECTION)
+@inner_kernel
+def meet_mirror(optics: Optics, at: Interface, way: Way, light: Light) -> Meeting:
+    """Reflection, scatter about it, or absorption."""
+    reflected, way, light = reflect_at_mirror(optics, at, way, light)
+    if not reflected:
+        return ABSORBED, False, way.dx, way.dy, way.dz, light.code, light.state
+    if optics.surface_i[at.surface, S_SCATTER] < 0:
+        return SPECULAR_REFLECTION, False, way.dx, way.dy, way.dz, light.code, light.state
+    scattered, dx, dy, dz, code, state = scatter_specular(optics, at, False, way, light)
+    event = GLOSSY_REFLECTION if scattered else SPECULAR_REFLECTION
+    return event, False, dx, dy, dz, code, state
 
 
 @inner_kernel
-def meet_mirror(
-    surface_i: I64, surface_f: F64, medium_f: F64, tables: F64, surface: int, medium: int,
-    dx: float, dy: float, dz: float, nx: float, ny: float, nz: float, cos_i: float, code: int,
-    colors: F64, counters: I64, state: np.uint64,
-) -> tuple[int, bool, float, float, float, int, np.uint64]:  # fmt: skip
-    """Reflection, scatter about it, or absorption."""
-    state = advance(state)
-    reflected, code = survive_metal(
-        surface_i, surface_f, medium_f, tables, surface, medium, cos_i, code, colors, counters,
-        uniform(state),
-    )  # fmt: skip
+def reflect_at_mirror(
+    optics: Optics, at: Interface, way: Way, light: Light
+) -> tuple[bool, Way, Light]:
+    """Whether light is reflected, the way on which it goes, and its colour and state."""
+    state = advance(light.state)
+    reflected, code = survive_metal(optics, at.surface, at.medium, at.cos_i, light, uniform(state))
+    light = Light(code, light.colors, light.counters, state)
     if not reflected:
-        return ABSORBED, False, dx, dy, dz, code, state
-    along = 2.0 * cos_i
-    dx, dy, dz = dx + along * nx, dy + along * ny, dz + along * nz
-    event = _REFLECTED
-    if surface_i[surface, S_SCATTER] >= 0:
-        scattered, dx, dy, dz, code, state = scatter_specular(
-            surface_i, surface_f, medium_f, tables, surface, medium, medium, cos_i, False, nx, ny,
-            nz, dx, dy, dz, code, colors, counters, state,
-        )  # fmt: skip
-        event = GLOSSY_REFLECTION if scattered else _REFLECTED
-    return event, False, dx, dy, dz, code, state
+        return False, way, light
+    return True, reflected_way(at, way), light
 
 
 class Metal(Node):

@@ -22,14 +22,15 @@ from tracer.surfaces.surface import Surface, SurfaceRow
 
 __all__ = [
     "Retroreflector",
+    "draw_retroreflector",
     "meet_retroreflector",
-    "sample_retroreflector",
     "towards_retroreflector",
+    "weigh_retroreflector",
 ]
 
 
-@inner_kernel
-def sample_retroreflector(optics: Optics, hit: Hit, light: Light) -> Outcome:
+@stage_kernel
+def meet_retroreflector(optics: Optics, hit: Hit, light: Light) -> Outcome:
     """Reflection about the way back."""
     surface_f, surface = optics.surface_f, hit.surface
     colors, counters, code = light.colors, light.counters, light.code
@@ -38,17 +39,36 @@ def sample_retroreflector(optics: Optics, hit: Hit, light: Light) -> Outcome:
         code = recolor_lost(colors, code, surface_f, surface, np.int64(SURFACE_ROW), counters)
         return ABSORBED, 0.0, 0.0, 1.0, code, state
     code = recolor(colors, code, surface_f, surface, np.int64(SURFACE_ROW), counters)
-    state = advance(state)
-    u1 = uniform(state)
-    state = advance(state)
-    x, y, z = sample_retro(hit.wx, hit.wy, hit.wz, surface_f[surface, 0], u1, uniform(state))
+    x, y, z, state = _way_back(optics, hit, state)
     return GLOSSY_REFLECTION, x, y, z, code, state
 
 
 @stage_kernel
-def meet_retroreflector(optics: Optics, hit: Hit, light: Light) -> Outcome:
-    """As `sample_retroreflector`."""
-    return sample_retroreflector(optics, hit, light)
+def draw_retroreflector(optics: Optics, hit: Hit, light: Light) -> Outcome:
+    """A direction about the way back."""
+    x, y, z, state = _way_back(optics, hit, light.state)
+    return GLOSSY_REFLECTION, x, y, z, light.code, state
+
+
+@stage_kernel
+def weigh_retroreflector(
+    optics: Optics, hit: Hit, light: Light, x: float, y: float, z: float, row: int
+) -> float:
+    """What is reflected goes on."""
+    for k in range(light.colors.shape[1]):
+        light.colors[row, k] = optics.surface_f[hit.surface, SURFACE_ROW + k]
+    cos_spread = optics.surface_f[hit.surface, 0]
+    return pdf_retro(hit.wx, hit.wy, hit.wz, x, y, z, cos_spread) if cos_spread < 1.0 else 0.0
+
+
+@inner_kernel
+def _way_back(optics: Optics, hit: Hit, state: np.uint64) -> tuple[float, float, float, np.uint64]:
+    state = advance(state)
+    u1 = uniform(state)
+    state = advance(state)
+    cos_spread = optics.surface_f[hit.surface, 0]
+    x, y, z = sample_retro(hit.wx, hit.wy, hit.wz, cos_spread, u1, uniform(state))
+    return x, y, z, state
 
 
 @stage_kernel
@@ -73,6 +93,8 @@ class Retroreflector(Surface):
     number = RETROREFLECTOR
     meet = meet_retroreflector
     towards = towards_retroreflector
+    draw = draw_retroreflector
+    weigh = weigh_retroreflector
 
     def model_post_init(self, context: Any) -> None:
         if self.reflectance is None:
@@ -85,6 +107,9 @@ class Retroreflector(Surface):
     def stated(self, row: SurfaceRow) -> StoredLaw | None:
         back = row.listed(self.reflectance)
         return RetroreflectorLaw(reflectance=back, spread_deg=self.spread_deg or 0.0)
+
+    def aimed_sides(self) -> int:
+        return 0
 
 
 KINDS = (Retroreflector,)

@@ -21,7 +21,13 @@ from tracer.surfaces.metals import metal_reflectance, survive_metal
 from tracer.surfaces.mirror import METAL_SPLITS, Metal
 from tracer.surfaces.surface import Surface, SurfaceRow
 
-__all__ = ["RoughMirror", "meet_rough_mirror", "towards_rough_mirror"]
+__all__ = [
+    "RoughMirror",
+    "draw_rough_mirror",
+    "meet_rough_mirror",
+    "towards_rough_mirror",
+    "weigh_rough_mirror",
+]
 
 
 @stage_kernel
@@ -36,9 +42,8 @@ def meet_rough_mirror(optics: Optics, hit: Hit, light: Light) -> Outcome:
     state = advance(state)
     if cos_m >= 0.0:
         reflected, code = survive_metal(
-            optics.surface_i, optics.surface_f, optics.medium_f, optics.tables, hit.surface,
-            hit.medium, cos_m, code, colors, counters, uniform(state),
-        )  # fmt: skip
+            optics, hit.surface, hit.medium, cos_m, light, uniform(state)
+        )
     else:
         # Several facets were met: each channel survives with its reflectance of that
         spare = counters[COLORS] + 1
@@ -56,6 +61,36 @@ def meet_rough_mirror(optics: Optics, hit: Hit, light: Light) -> Outcome:
 
 
 @stage_kernel
+def draw_rough_mirror(optics: Optics, hit: Hit, light: Light) -> Outcome:
+    """A direction as of a metal of reflectance 1."""
+    u, state = five_uniform(light.state)
+    x, y, z, _ = sample_rough_conductor(
+        optics.tables, optics.surface_i[hit.surface, S_FACETS], hit.wx, hit.wy, hit.wz,
+        optics.surface_f[hit.surface, 0], u[0], u[1], u[2], u[3], u[4],
+    )  # fmt: skip
+    return GLOSSY_REFLECTION, x, y, z, light.code, state
+
+
+@stage_kernel
+def weigh_rough_mirror(
+    optics: Optics, hit: Hit, light: Light, x: float, y: float, z: float, row: int
+) -> float:
+    """What goes on is the mean over light that met one facet and light that met several."""
+    single, multiple, cos_m = eval_rough_conductor(
+        optics.tables, optics.surface_i[hit.surface, S_FACETS], hit.wx, hit.wy, hit.wz, x, y, z,
+        optics.surface_f[hit.surface, 0],
+    )  # fmt: skip
+    density = (single + multiple) * max(0.0, z)
+    often = multiple / (single + multiple) if density > 0.0 else 0.0
+    again = SURFACE_ROW + light.colors.shape[1]
+    for k in range(light.colors.shape[1]):
+        light.colors[row, k] = (1.0 - often) * metal_reflectance(
+            optics, hit.surface, hit.medium, k, cos_m
+        ) + often * optics.surface_f[hit.surface, again + k]
+    return density
+
+
+@stage_kernel
 def towards_rough_mirror(optics: Optics, hit: Hit, x: float, y: float, z: float, out: F64) -> bool:
     """Light that facets send from w to a direction."""
     single, multiple, cos_m = eval_rough_conductor(
@@ -63,10 +98,7 @@ def towards_rough_mirror(optics: Optics, hit: Hit, x: float, y: float, z: float,
         optics.surface_f[hit.surface, 0],
     )  # fmt: skip
     for k in range(len(out)):
-        reflected = metal_reflectance(
-            optics.surface_i, optics.surface_f, optics.medium_f, optics.tables, hit.surface,
-            hit.medium, k, cos_m,
-        )  # fmt: skip
+        reflected = metal_reflectance(optics, hit.surface, hit.medium, k, cos_m)
         again = optics.surface_f[hit.surface, SURFACE_ROW + len(out) + k]
         out[k] = (single * reflected + multiple * again) * max(0.0, z)
     return bool(single + multiple > 0.0)
@@ -82,6 +114,8 @@ class RoughMirror(Surface):
     number = ROUGH_MIRROR
     meet = meet_rough_mirror
     towards = towards_rough_mirror
+    draw = draw_rough_mirror
+    weigh = weigh_rough_mirror
 
     def model_post_init(self, context: Any) -> None:
         if (self.reflectance is None) == (self.metal is None):

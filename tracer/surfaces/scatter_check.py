@@ -25,6 +25,7 @@ from tracer.compiled import (
     WORLD,
     CompiledScene,
 )
+from tracer.surfaces.interaction import Interface, optics_of
 from tracer.surfaces.law import check_law
 from tracer.surfaces.specular import specular_share
 from tracer.surfaces.surface import Surface
@@ -108,6 +109,7 @@ def _check(
     assert tables is not None
     first, stride = scene.surface_i[surface, [S_SCATTER, S_STRIDE]].tolist()
     mirror = scene.surface_i[surface, S_KIND] == MIRROR
+    optics = optics_of.py_func(scene)  # type: ignore[attr-defined]
     grazing = math.sin(math.radians(_LARGEST))
     for k, channel in enumerate(channels):
         ratio = float(scene.medium_f[medium, k] / scene.medium_f[other, k])
@@ -117,10 +119,8 @@ def _check(
                 beta = sine * ratio if crosses else sine
                 if beta > grazing:
                     break
-                share = specular_share(
-                    scene.surface_i, scene.surface_f, scene.medium_f, tables, surface, medium,
-                    other, math.cos(math.radians(angle)), crosses, k,
-                )  # fmt: skip
+                at = Interface(surface, medium, other, math.cos(math.radians(angle)))
+                share = specular_share(optics, at, crosses, k)
                 scattered = scatter_share(tables, first + k * stride, beta)
                 if scattered > share * (1.0 + 1e-9):
                     does, what, key = (

@@ -159,7 +159,7 @@ class Surface(Node):
 
     A kind is a class in a file of its own. It declares its keys, fills its row of the engine's
     tables (`compile`), and says with which compiled functions light meets it: ``law``, or ``meet``
-    and ``towards``.
+    and those beside it.
     """
 
     kind: str
@@ -168,7 +168,10 @@ class Surface(Node):
     """Of a built-in kind, in ``surface_i``; others get one that is made of their word."""
     meet: ClassVar[Any] = None
     towards: ClassVar[Any] = None
-    """Compiled functions for `tracer.surfaces.interaction.MEET` and ``TOWARDS``."""
+    draw: ClassVar[Any] = None
+    weigh: ClassVar[Any] = None
+    """Compiled functions for `tracer.surfaces.interaction.MEET`, ``TOWARDS``, ``DRAW`` and
+    ``WEIGH``; without the last two, light that is to be weighed is met as any other."""
     law: ClassVar[Law | None] = None
     """Instead of these: what they are made of (`tracer.surfaces.law`)."""
 
@@ -188,6 +191,10 @@ class Surface(Node):
     def transmits(self) -> bool:
         """Whether light goes through a sheet that has the surface."""
         return False
+
+    def aimed_sides(self) -> int:
+        """To how many sides scattered light may be aimed; 0 where it keeps to a narrow cone."""
+        return 2 if self.law is not None or self.transmits() else 1
 
     def splits_polarisation(self) -> tuple[str, str] | None:
         """The key by which s and p are treated unlike, and what it does; None if there is none."""

@@ -24,17 +24,34 @@ from tracer.surfaces.interaction import (
 )
 from tracer.surfaces.surface import Surface, SurfaceRow
 
-__all__ = ["MeasuredScatter", "Tabulated", "meet_tabulated", "sample_measured", "towards_tabulated"]
+__all__ = [
+    "MeasuredScatter",
+    "Tabulated",
+    "draw_tabulated",
+    "meet_tabulated",
+    "towards_tabulated",
+    "weigh_tabulated",
+]
 
 
 @inner_kernel
-def sample_measured(optics: Optics, hit: Hit, light: Light) -> Outcome:
-    """Measured scatter to either side; the same table for all channels."""
-    tables, code = optics.tables, light.code
+def _shares(optics: Optics, hit: Hit) -> tuple[int, int, float, float]:
+    """Tables of both sides, and what they scatter."""
     back = optics.surface_i[hit.surface, S_REFLECTED]
     through = optics.surface_i[hit.surface, S_TRANSMITTED]
-    reflected = tabulated_share(tables, back, hit.wz) if back >= 0 else 0.0
-    transmitted = tabulated_share(tables, through, hit.wz) if through >= 0 else 0.0
+    return (
+        back,
+        through,
+        tabulated_share(optics.tables, back, hit.wz) if back >= 0 else 0.0,
+        tabulated_share(optics.tables, through, hit.wz) if through >= 0 else 0.0,
+    )
+
+
+@stage_kernel
+def meet_tabulated(optics: Optics, hit: Hit, light: Light) -> Outcome:
+    """Measured scatter to either side; the same table for all channels."""
+    tables, code = optics.tables, light.code
+    back, through, reflected, transmitted = _shares(optics, hit)
     u, state = five_uniform(light.state)
     if u[0] < reflected:
         x, y, z = sample_tabulated(tables, back, hit.wx, hit.wy, hit.wz, u[1], u[2], u[3], 1.0)
@@ -46,9 +63,33 @@ def sample_measured(optics: Optics, hit: Hit, light: Light) -> Outcome:
 
 
 @stage_kernel
-def meet_tabulated(optics: Optics, hit: Hit, light: Light) -> Outcome:
-    """As `sample_measured`."""
-    return sample_measured(optics, hit, light)
+def draw_tabulated(optics: Optics, hit: Hit, light: Light) -> Outcome:
+    """Sides in the proportion of their light."""
+    tables, code = optics.tables, light.code
+    back, through, reflected, transmitted = _shares(optics, hit)
+    u, state = five_uniform(light.state)
+    if not reflected + transmitted > 0.0:
+        return ABSORBED, 0.0, 0.0, 1.0, code, state
+    if u[0] * (reflected + transmitted) < reflected:
+        x, y, z = sample_tabulated(tables, back, hit.wx, hit.wy, hit.wz, u[1], u[2], u[3], 1.0)
+        return GLOSSY_REFLECTION, x, y, z, code, state
+    x, y, z = sample_tabulated(tables, through, hit.wx, hit.wy, hit.wz, u[1], u[2], u[3], -1.0)
+    return GLOSSY_TRANSMISSION, x, y, z, code, state
+
+
+@stage_kernel
+def weigh_tabulated(
+    optics: Optics, hit: Hit, light: Light, x: float, y: float, z: float, row: int
+) -> float:
+    """What both sides scatter goes on, in all channels."""
+    back, through, reflected, transmitted = _shares(optics, hit)
+    for k in range(light.colors.shape[1]):
+        light.colors[row, k] = reflected + transmitted
+    table, side = (back, 1.0) if z > 0.0 else (through, -1.0)
+    if table < 0:
+        return 0.0
+    value = eval_tabulated(optics.tables, table, hit.wx, hit.wy, hit.wz, x, y, z, side)
+    return value * abs(z) / (reflected + transmitted)
 
 
 @stage_kernel
@@ -84,6 +125,8 @@ class Tabulated(Surface):
     number = TABULATED
     meet = meet_tabulated
     towards = towards_tabulated
+    draw = draw_tabulated
+    weigh = weigh_tabulated
 
     def model_post_init(self, context: Any) -> None:
         if not (self.reflected or self.transmitted):

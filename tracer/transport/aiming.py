@@ -9,57 +9,66 @@ rings are sampled by area (density distance² / (area · cosine)), spheres by so
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from raymap.jit.kernels import inner_kernel, lean_kernel
 from raymap.jit.types import F64
 from tracer.compiled import TARGET_RECTANGLE, TARGET_SPHERE
 from tracer.rays.directions import about, sample_uniform_cone, sine_of, turned
 
-__all__ = ["aim_at", "count_targets", "pdf_aim"]
+__all__ = ["Start", "aim_at", "count_targets", "pdf_aim"]
+
+
+class Start(NamedTuple):
+    """Where aimed light starts: a point, the normal n of a surface there, and whether light goes
+    only to its side."""
+
+    x: float
+    y: float
+    z: float
+    nx: float
+    ny: float
+    nz: float
+    horizon: bool
 
 
 @inner_kernel
-def _is_candidate(
-    s: F64, x: float, y: float, z: float, nx: float, ny: float, nz: float, horizon: bool
-) -> bool:
+def _is_candidate(s: F64, start: Start) -> bool:
     """Whether light from a point can reach a target: above the horizon, on its seeing side."""
-    wx, wy, wz = s[1] - x, s[2] - y, s[3] - z
+    wx, wy, wz = s[1] - start.x, s[2] - start.y, s[3] - start.z
     reach = s[15]
     if s[0] == TARGET_SPHERE:
         if wx * wx + wy * wy + wz * wz <= reach * reach * (1.0 + 1e-9):
             return False
     elif s[16] > 0.0 and wx * s[4] + wy * s[5] + wz * s[6] >= 0.0:
         return False
-    return not horizon or wx * nx + wy * ny + wz * nz > -reach
+    return not start.horizon or wx * start.nx + wy * start.ny + wz * start.nz > -reach
 
 
 @lean_kernel
-def count_targets(
-    targets: F64, x: float, y: float, z: float, nx: float, ny: float, nz: float, horizon: bool
-) -> int:
-    """How many targets can be met from a point; with ``horizon`` only above the plane across n."""
+def count_targets(targets: F64, start: Start) -> int:
+    """How many targets can be met from a point."""
     count = 0
     for k in range(len(targets)):
-        count += _is_candidate(targets[k], x, y, z, nx, ny, nz, horizon)
+        count += _is_candidate(targets[k], start)
     return count
 
 
 @lean_kernel
 def aim_at(
-    targets: F64, x: float, y: float, z: float, nx: float, ny: float, nz: float, horizon: bool,
-    count: int, u0: float, u1: float, u2: float,
-) -> tuple[float, float, float]:  # fmt: skip
+    targets: F64, start: Start, count: int, u0: float, u1: float, u2: float
+) -> tuple[float, float, float]:
     """Unit direction from a point to a place on one of its ``count`` candidates (at least one)."""
     wanted = min(count - 1, int(u0 * count))
     chosen = 0
     for k in range(len(targets)):
-        if _is_candidate(targets[k], x, y, z, nx, ny, nz, horizon):
+        if _is_candidate(targets[k], start):
             if wanted == 0:
                 chosen = k
                 break
             wanted -= 1
     s = targets[chosen]
-    wx, wy, wz = s[1] - x, s[2] - y, s[3] - z
+    wx, wy, wz = s[1] - start.x, s[2] - start.y, s[3] - start.z
     if s[0] == TARGET_SPHERE:
         square = wx * wx + wy * wy + wz * wz
         scale = 1.0 / math.sqrt(square)
@@ -80,17 +89,14 @@ def aim_at(
 
 
 @lean_kernel
-def pdf_aim(
-    targets: F64, x: float, y: float, z: float, nx: float, ny: float, nz: float, horizon: bool,
-    count: int, dx: float, dy: float, dz: float,
-) -> float:  # fmt: skip
+def pdf_aim(targets: F64, start: Start, count: int, dx: float, dy: float, dz: float) -> float:
     """Density of `aim_at` per solid angle at the unit direction d."""
     total = 0.0
     for k in range(len(targets)):
         s = targets[k]
-        if not _is_candidate(s, x, y, z, nx, ny, nz, horizon):
+        if not _is_candidate(s, start):
             continue
-        wx, wy, wz = s[1] - x, s[2] - y, s[3] - z
+        wx, wy, wz = s[1] - start.x, s[2] - start.y, s[3] - start.z
         if s[0] == TARGET_SPHERE:
             square = wx * wx + wy * wy + wz * wz
             share = s[15] * s[15] / square

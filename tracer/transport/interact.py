@@ -47,6 +47,7 @@ from tracer.media.volumes import fly_freely, passes_surely
 from tracer.rays.colors import COLORS
 from tracer.rays.random import advance, stream_state
 from tracer.sources.lights import emit_light
+from tracer.surfaces.interaction import Interface, Light, Way, optics_of
 from tracer.transport.buffers import (
     CODE,
     DESCRIPTORS,
@@ -80,6 +81,8 @@ from tracer.transport.records import ENDING, write_record
 from tracer.transport.splitting import Twins, gather_twins, release_twin, twin_code, twin_event
 from tracer.transport.streams import DONE
 from tracer.transport.weighted import aim_in_volume, end_faint_ray, meet
+from tracer.transport.weighted_aim import Flight
+from tracer.transport.weighted_ray import WeightedRay
 
 __all__ = ["emit_block", "interact", "place_block"]
 
@@ -185,8 +188,8 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
     where there are ``twins``.
     """
     face_i, face_f, body_i = scene.face_i, scene.face_f, scene.body_i
-    surface_i, surface_f = scene.surface_i, scene.surface_f
     medium_i, medium_f, tables = scene.medium_i, scene.medium_f, scene.tables
+    optics = optics_of(scene)
     detector_i, detector_f = scene.detector_i, scene.detector_f
     sphere, world, depth = scene.sphere, scene.limits[WORLD], scene.limits[DEPTH]
     virtual, rare, views = scene.limits[VIRTUAL], scene.rare, scene.views
@@ -232,8 +235,9 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
                 medium_i, medium_f, tables, medium, t, dx, dy, dz, code, colors, counters, state
             )
             dx, dy, dz, weight, state = aim_in_volume(
-                rare, event, x + t * ux, y + t * uy, z + t * uz, ux, uy, uz, dx, dy, dz, weight,
-                medium_f, tables, medium, colors.shape[1], state,
+                rare, event,
+                Flight(x + t * ux, y + t * uy, z + t * uz, ux, uy, uz, dx, dy, dz),
+                medium_f, tables, medium, n_channels, weight, state,
             )  # fmt: skip
         if event == 0 and face < 0:
             event = LEFT_SCENE
@@ -313,11 +317,19 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
                 else:
                     body = top_body(beyond, body_i)
                     other = body_i[unsigned(body), B_MEDIUM] if body >= 0 else world
-                    happened, crosses, dx, dy, dz, code, state, weight = meet(
-                        rare, twins, ray, ray_i[N_RECORDS, unsigned(ray)] >= depth, x, y, z,
-                        weight, surface_i, surface_f, medium_i, medium_f, tables,
+                    arrives = WeightedRay(
+                        ray, ray_i[N_RECORDS, unsigned(ray)] >= depth, x, y, z, weight
+                    )
+                    at = Interface(
                         unsigned(face_i[met, F_SURFACE]), unsigned(medium), unsigned(other),
-                        dx, dy, dz, sx, sy, sz, shading, code, colors, counters, state, follow,
+                        min(1.0, abs(shading)),
+                    )  # fmt: skip
+                    # Turn the normal against the ray
+                    if shading > 0.0:
+                        sx, sy, sz = -sx, -sy, -sz
+                    happened, crosses, dx, dy, dz, code, state, weight = meet(
+                        rare, twins, arrives, optics, tables, at, Way(dx, dy, dz, sx, sy, sz),
+                        Light(code, colors, counters, state), follow,
                     )  # fmt: skip
                     event |= happened
                     if own_body >= 0:

@@ -45,6 +45,7 @@ from tracer.geometry.mesh_hits import nearest_on_meshes
 from tracer.geometry.other_shapes import link_shapes
 from tracer.sources.linking import link_sources
 from tracer.sources.towards import emitted_towards
+from tracer.surfaces.interaction import Interface, Way, optics_of
 from tracer.surfaces.linking import link_surfaces
 from tracer.surfaces.towards import scattered_towards
 from tracer.transport.buffers import (
@@ -299,6 +300,7 @@ def _connect(
     n_channels = scene.source_f.shape[1] - SOURCE_ROW
     key = 2 * len(scene.face_i) + len(scene.source_i)
     foggy = scene.medium_i[world, M_PARTICIPATING] != 0
+    optics = optics_of(scene)
     n = 0
     for r in range(start, len(rays.ray)):
         if n == len(found.cell):
@@ -373,11 +375,15 @@ def _connect(
                     own += objects.face[objects.first_triangle[obj] + triangle]
                     lift = _NEAR * scene.sphere[3]
                 before = r - 1
-                if not scattered_towards(
-                    scene.surface_i, scene.surface_f, scene.medium_f, scene.tables,
-                    scene.face_i[own, F_SURFACE], rays.medium[r - 1], world, dx, dy, dz, nx, ny,
-                    nz, ox, oy, oz, light,
-                ):  # fmt: skip
+                # Light that crosses is taken to come out into the world's medium: elsewhere
+                # another face hides the point
+                cosine = dx * nx + dy * ny + dz * nz
+                side = -1.0 if cosine > 0.0 else 1.0
+                at = Interface(
+                    scene.face_i[own, F_SURFACE], rays.medium[r - 1], world, min(1.0, abs(cosine))
+                )
+                way = Way(dx, dy, dz, side * nx, side * ny, side * nz)
+                if not scattered_towards(optics, scene.tables, at, way, ox, oy, oz, light):
                     continue
             else:
                 continue

@@ -242,7 +242,7 @@ class Wavefront:
         return [
             *self._stage_tasks(b),
             self._emission(b),
-            *surface_tasks(self.scene.surface_i),
+            *surface_tasks(self.scene.surface_i, weighed=self.scene.rare is not None),
             *source_tasks(self.scene.source_i),
             *detector_tasks(self.scene.detector_i),
             *shape_tasks(self.scene.face_i[:, F_KIND]),
@@ -282,7 +282,7 @@ class Wavefront:
 
     def _stages(self, b: Buffers, *, emits: bool) -> Stages:
         if not hasattr(self._local, "stages"):
-            link_surfaces(self.scene.surface_i)
+            link_surfaces(self.scene.surface_i, weighed=self.scene.rare is not None)
             link_sources(self.scene.source_i)
             link_detectors(self.scene.detector_i)
             link_shapes(self.scene.face_i[:, F_KIND], self.scene.face_f)

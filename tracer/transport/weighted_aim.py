@@ -15,19 +15,27 @@ E. Veach, L. J. Guibas, Optimally combining sampling techniques for Monte Carlo 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from raymap.jit.kernels import inner_kernel
+from raymap.jit.kernels import inner_kernel, number
 from raymap.jit.types import F64
 from raymap.model.events import Event
 from tracer.compiled import R_AIM, R_FAINT, RareLight
 from tracer.optics.phase import pdf_phase
 from tracer.rays.random import advance, uniform
-from tracer.transport.aiming import aim_at, count_targets, pdf_aim
+from tracer.transport.aiming import Start, aim_at, count_targets, pdf_aim
 
-__all__ = ["aim_or_keep", "aim_scattered", "balance", "likely_enough", "thin_out"]
-
-Directed = tuple[float, float, float, float, np.uint64]
+__all__ = [
+    "Aim",
+    "Flight",
+    "aim_or_keep",
+    "aim_scattered",
+    "balance",
+    "likely_enough",
+    "thin_out",
+]
 
 _RIM_HIT = int(Event.RIM_HIT)
 _KILL = int(Event.ROULETTE_KILL)
@@ -40,6 +48,29 @@ _ENDING = int(
 )
 
 
+class Aim(NamedTuple):
+    """How light is aimed from a place: the probability, 0 where there is no target, and from how
+    many candidates."""
+
+    q: float
+    candidates: int
+
+
+class Flight(NamedTuple):
+    """Where a medium has scattered light, the unit direction u in which it came, and d in which it
+    goes on."""
+
+    x: float
+    y: float
+    z: float
+    ux: float
+    uy: float
+    uz: float
+    dx: float
+    dy: float
+    dz: float
+
+
 @inner_kernel
 def likely_enough(share: float, least: float) -> float:
     """Probability of an outcome that light has with ``share``: at least ``least``, 0 stays 0."""
@@ -50,60 +81,48 @@ def likely_enough(share: float, least: float) -> float:
 
 @inner_kernel
 def aim_or_keep(
-    rare: RareLight, x: float, y: float, z: float, nx: float, ny: float, nz: float, horizon: bool,
-    dx: float, dy: float, dz: float, weight: float, state: np.uint64,
-) -> tuple[float, float, float, float, int, np.uint64]:  # fmt: skip
-    """Keep the direction drawn from a law, or take an aimed one.
-
-    Returns
-    -------
-    d : the direction
-    q : probability with which light is aimed from here, 0 where there is no target
-    count : candidates
-    """
+    rare: RareLight, start: Start, dx: float, dy: float, dz: float, weight: float, state: np.uint64
+) -> tuple[float, float, float, Aim, np.uint64]:
+    """Keep the direction drawn from a law, or take an aimed one."""
     q = rare.settings[R_AIM] / max(1.0, weight)
-    count = count_targets(rare.targets, x, y, z, nx, ny, nz, horizon) if q > 0.0 else 0
+    count = count_targets(rare.targets, start) if q > 0.0 else 0
     if count == 0:
-        return dx, dy, dz, 0.0, 0, state
+        return dx, dy, dz, Aim(0.0, number(0)), state
     state = advance(state)
     if uniform(state) < q:
         a = advance(state)
         b = advance(a)
         state = advance(b)
-        dx, dy, dz = aim_at(
-            rare.targets, x, y, z, nx, ny, nz, horizon, count, uniform(a), uniform(b),
-            uniform(state),
-        )  # fmt: skip
-    return dx, dy, dz, q, count, state
+        dx, dy, dz = aim_at(rare.targets, start, count, uniform(a), uniform(b), uniform(state))
+    return dx, dy, dz, Aim(q, count), state
 
 
 @inner_kernel
 def balance(
-    rare: RareLight, x: float, y: float, z: float, nx: float, ny: float, nz: float, horizon: bool,
-    dx: float, dy: float, dz: float, q: float, count: int, density: float,
-) -> float:  # fmt: skip
+    rare: RareLight, start: Start, aim: Aim, dx: float, dy: float, dz: float, density: float
+) -> float:
     """Factor of the weight: the law's density over that of the mixture."""
-    if count == 0:
+    if aim.candidates == 0:
         return 1.0
     if density <= 0.0:
         return 0.0
-    aimed = pdf_aim(rare.targets, x, y, z, nx, ny, nz, horizon, count, dx, dy, dz)
-    return density / (q * aimed + (1.0 - q) * density)
+    aimed = pdf_aim(rare.targets, start, aim.candidates, dx, dy, dz)
+    return density / (aim.q * aimed + (1.0 - aim.q) * density)
 
 
 @inner_kernel
 def aim_scattered(
-    rare: RareLight, x: float, y: float, z: float, ux: float, uy: float, uz: float, dx: float,
-    dy: float, dz: float, weight: float, medium_f: F64, tables: F64, medium: int, n_channels: int,
-    state: np.uint64,
-) -> Directed:  # fmt: skip
-    dx, dy, dz, q, count, state = aim_or_keep(
-        rare, x, y, z, 0.0, 0.0, 1.0, False, dx, dy, dz, weight, state
+    rare: RareLight, flight: Flight, phase: F64, tables: F64, weight: float, state: np.uint64
+) -> tuple[float, float, float, float, np.uint64]:
+    """Aim light that a medium has scattered: direction, weight, state."""
+    start = Start(flight.x, flight.y, flight.z, 0.0, 0.0, 1.0, False)
+    dx, dy, dz, aim, state = aim_or_keep(
+        rare, start, flight.dx, flight.dy, flight.dz, weight, state
     )
-    if count > 0:
-        mu = max(-1.0, min(1.0, ux * dx + uy * dy + uz * dz))
-        density = pdf_phase(medium_f[medium, 3 * n_channels :], tables, mu)
-        weight *= balance(rare, x, y, z, 0.0, 0.0, 1.0, False, dx, dy, dz, q, count, density)
+    if aim.candidates > 0:
+        mu = max(-1.0, min(1.0, flight.ux * dx + flight.uy * dy + flight.uz * dz))
+        density = pdf_phase(phase, tables, mu)
+        weight *= balance(rare, start, aim, dx, dy, dz, density)
     return dx, dy, dz, weight, state
 
 

@@ -16,6 +16,7 @@ from raymap.model.events import Event
 from tests.oracle.scenes import MEDIA, SURFACES
 from tracer.compiled import S_SCATTER
 from tracer.scene.compile import Compilation, compile_scene
+from tracer.surfaces.interaction import Interface, optics_of
 from tracer.surfaces.specular import specular_share
 
 COSINES = np.cos(np.radians([0.0, 20.0, 41.0, 60.0, 85.0]))
@@ -73,7 +74,7 @@ def test_smooth_laws_are_those_of_the_compiled_scene(
 ) -> None:
     compilation, _ = all_kinds
     number, law = law_of(all_kinds, name)
-    a = compilation.arrays
+    optics = optics_of.py_func(compilation.arrays)
     media = [medium.name for medium in compilation.directory.media]
     here, beyond = media.index("air"), media.index("glass")
     if inside:
@@ -85,10 +86,12 @@ def test_smooth_laws_are_those_of_the_compiled_scene(
             assert not shares.any()
             continue
         traced = [
-            [specular_share(a.surface_i, a.surface_f, a.medium_f, a.tables, number, here, beyond,
-                            float(c), bool(crosses), k) for c in COSINES]
+            [
+                specular_share(optics, Interface(number, here, beyond, float(c)), bool(crosses), k)
+                for c in COSINES
+            ]
             for k in range(3)
-        ]  # fmt: skip
+        ]
         np.testing.assert_allclose(shares, traced, rtol=1e-12, atol=1e-15)
 
 
