@@ -78,7 +78,7 @@ _KERNELS = {
     ),
     "tabulated.tabulated_share": (
         "Law",
-        {"bsdf.pdf_tabulated", "tabulated.sample_measured", "tabulated._shares"},
+        {"bsdf.pdf_tabulated", "tabulated._shares"},
     ),
     "mirror._fill_reflectance": ("Law", {"mirror.metal_shares"}),
     "table._fill_shares": ("Law", {"table.shares_of_tables"}),

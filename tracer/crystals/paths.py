@@ -14,12 +14,13 @@ import numpy as np
 
 from raymap.jit.kernels import inner_kernel, kernel
 from raymap.model.events import Event
+from raymap.optics.angles import turned
 from tracer.crystals.bodies import BodyArrays
 from tracer.crystals.interface import interface_event
 from tracer.crystals.rows import BIAXIAL, EPS, EPS_ORDINARY, ISOTROPIC, KIND
 from tracer.crystals.tree import body_behind, next_boundary, tree_scratch
 from tracer.crystals.waves import ray_absorption
-from tracer.rays.directions import sine_of, turned
+from tracer.rays.directions import sine_of
 from tracer.rays.random import advance, stream_state, uniform
 
 __all__ = ["DETECTOR_ROW", "SOURCE_ROW", "trace_paths"]

@@ -33,6 +33,8 @@ from tracer.geometry.mesh_arrays import (
     vector_to_local,
 )
 from tracer.geometry.mesh_triangles import (
+    Line,
+    Triangles,
     close_to_edge,
     cross_edges,
     inside_triangle,
@@ -61,30 +63,33 @@ _TINY = 1e-30
 
 
 @inline_kernel
+def _to_local(to_local: F64, placed: int, body: int, line: Line) -> Line:
+    """A ray as a mesh sees it that may be a placed copy."""
+    if placed == 0:
+        return line
+    x, y, z = point_to_local(to_local, body, line.ox, line.oy, line.oz)
+    dx, dy, dz = vector_to_local(to_local, body, line.dx, line.dy, line.dz)
+    return Line(x, y, z, dx, dy, dz)
+
+
+@inline_kernel
 def _decide(
-    corners: F64, triangles: I32, first_around: I64, around: I32, to_local: F64, placed: int,
-    closed: int, found: int, row: int, own: int, own_row: int, way: float,
-    near: float,
-    ox: float, oy: float, oz: float, dx: float, dy: float, dz: float,
+    mesh: Triangles, to_local: F64, placed: int, closed: int, found: int, row: int, own: int,
+    own_row: int, way: float, near: float, line: Line,
 ) -> tuple[bool, float, int, float, float, float]:  # fmt: skip
     """Hit in float64 on the triangle that Embree found: accepted, distance, row and point."""
-    lx, ly, lz, ex, ey, ez = ox, oy, oz, dx, dy, dz
-    if placed != 0:
-        lx, ly, lz = point_to_local(to_local, found, ox, oy, oz)
-        ex, ey, ez = vector_to_local(to_local, found, dx, dy, dz)
-    hit, u, v, crossing = meet_triangle(corners, row, lx, ly, lz, ex, ey, ez)
+    ox, oy, oz, dx, dy, dz = line
+    local = _to_local(to_local, placed, found, line)
+    hit, u, v, crossing = meet_triangle(mesh.corners, row, local)
     x, y, z = ox + hit * dx, oy + hit * dy, oz + hit * dz
     if not inside_triangle(u, v):
         # Beside it: take the neighbour that is crossed in the same sense, or the rim
-        hit, other = nearest_around(
-            corners, triangles, first_around, around, row, near, math.inf, math.inf, crossing,
-            lx, ly, lz, ex, ey, ez,
-        )  # fmt: skip
+        hit, other = nearest_around(mesh, row, near, math.inf, math.inf, crossing, local)
         if other >= 0 and other != own_row:
             row = other
             x, y, z = ox + hit * dx, oy + hit * dy, oz + hit * dz
         else:
-            x, y, z = rim_point(corners, row, u, v)
+            x, y, z = rim_point(mesh.corners, row, u, v)
             if placed != 0:
                 x, y, z = point_to_world(to_local, found, x, y, z)
             hit = (x - ox) * dx + (y - oy) * dy + (z - oz) * dz
@@ -189,8 +194,8 @@ def nearest_on_meshes(
     memory, and the processor fetches those of the next rays while it computes on this one's.
     """
     # Take the arrays out of the tuple once
-    corners, triangles, to_local, placed = m.corners, m.triangles, m.to_local, m.placed
-    first_around, around = m.first_around, m.around
+    corners, to_local, placed = m.corners, m.to_local, m.placed
+    mesh = Triangles(corners, m.triangles, m.first_around, m.around)
     first_triangle, closed = m.first_triangle, m.closed
     words, bits, address = scratch.words, scratch.bits, np.uintp(scratch.address)
     shifted, begin, ways, bests = scratch.shifted, scratch.begin, scratch.ways, scratch.bests
@@ -229,23 +234,17 @@ def nearest_on_meshes(
             own = own_body[i]
             if own >= 0:
                 nx, ny, nz = cross_edges(corners, own_rows[k])
-                lx, ly, lz, ex, ey, ez = ox, oy, oz, dx, dy, dz
                 if placed[own] != 0:
                     nx, ny, nz = normal_to_world(to_local, own, nx, ny, nz)
-                    lx, ly, lz = point_to_local(to_local, own, ox, oy, oz)
-                    ex, ey, ez = vector_to_local(to_local, own, dx, dy, dz)
+                local = _to_local(to_local, placed[own], own, Line(ox, oy, oz, dx, dy, dz))
                 way = dx * nx + dy * ny + dz * nz
                 ways[k] = way
                 side = math.copysign(offset, way) / math.sqrt(nx * nx + ny * ny + nz * nz)
                 sx, sy, sz = sx + side * nx, sy + side * ny, sz + side * nz
-                if close_to_edge(
-                    corners, own_rows[k], lx, ly, lz, offset * corners[own_rows[k], 9]
-                ):
+                margin = offset * corners[own_rows[k], 9]
+                if close_to_edge(corners, own_rows[k], local.ox, local.oy, local.oz, margin):
                     least = math.inf if closed[own] != 0 else near
-                    hit, row = nearest_around(
-                        corners, triangles, first_around, around, own_rows[k], near, least,
-                        t[i], -way, lx, ly, lz, ex, ey, ez,
-                    )  # fmt: skip
+                    hit, row = nearest_around(mesh, own_rows[k], near, least, t[i], -way, local)
                     if row >= 0:
                         bests[k], best_rows[k] = max(hit, 0.0), row
             # Start where the ray enters the box, so that distant starts stay precise
@@ -281,9 +280,8 @@ def nearest_on_meshes(
             while found >= 0:
                 own = own_body[i]
                 accepted, hit, row, qx, qy, qz = _decide(
-                    corners, triangles, first_around, around, to_local, placed[found],
-                    closed[found], found, row, own, own_rows[k], ways[k], near,
-                    ox, oy, oz, dx, dy, dz,
+                    mesh, to_local, placed[found], closed[found], found, row, own, own_rows[k],
+                    ways[k], near, Line(ox, oy, oz, dx, dy, dz),
                 )  # fmt: skip
                 if accepted:
                     if hit < best:

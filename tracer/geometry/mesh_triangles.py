@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,8 @@ from raymap.jit.kernels import inner_kernel, lean_kernel
 from tracer.geometry.mesh_arrays import MeshArrays, normal_to_world, point_to_local
 
 __all__ = [
+    "Line",
+    "Triangles",
     "close_to_edge",
     "cross_edges",
     "inside_triangle",
@@ -28,6 +31,27 @@ I64 = NDArray[np.int64]
 _INSIDE = 1e-10  # tolerance of barycentric coordinates
 
 
+class Triangles(NamedTuple):
+    """Corners of triangles, their vertices, and the triangles around each vertex, as in
+    `MeshArrays`."""
+
+    corners: F64
+    triangles: I32
+    first_around: I64
+    around: I32
+
+
+class Line(NamedTuple):
+    """Origin and direction of a ray."""
+
+    ox: float
+    oy: float
+    oz: float
+    dx: float
+    dy: float
+    dz: float
+
+
 @inner_kernel
 def cross_edges(c: F64, row: int) -> tuple[float, float, float]:
     """Normal of a triangle, local, of twice its area."""
@@ -37,9 +61,7 @@ def cross_edges(c: F64, row: int) -> tuple[float, float, float]:
 
 
 @inner_kernel
-def meet_triangle(
-    c: F64, row: int, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float
-) -> tuple[float, float, float, float]:
+def meet_triangle(c: F64, row: int, line: Line) -> tuple[float, float, float, float]:
     """Distance, barycentric u and v, and d . normal (not a unit vector) of a local ray.
 
     References
@@ -49,10 +71,11 @@ def meet_triangle(
     x, y, z = c[row, 0], c[row, 1], c[row, 2]
     ax, ay, az = c[row, 3] - x, c[row, 4] - y, c[row, 5] - z
     bx, by, bz = c[row, 6] - x, c[row, 7] - y, c[row, 8] - z
+    dx, dy, dz = line.dx, line.dy, line.dz
     px, py, pz = dy * bz - dz * by, dz * bx - dx * bz, dx * by - dy * bx
     determinant = ax * px + ay * py + az * pz
     inverse = 1.0 / determinant
-    sx, sy, sz = ox - x, oy - y, oz - z
+    sx, sy, sz = line.ox - x, line.oy - y, line.oz - z
     u = (sx * px + sy * py + sz * pz) * inverse
     qx, qy, qz = sy * az - sz * ay, sz * ax - sx * az, sx * ay - sy * ax
     v = (dx * qx + dy * qy + dz * qz) * inverse
@@ -88,7 +111,7 @@ def mesh_shading_normal(
         px, py, pz = point_to_local(m.to_local, body, px, py, pz)
     row = m.first_triangle[body] + primitive
     nx, ny, nz = cross_edges(m.corners, row)
-    _, u, v, _ = meet_triangle(m.corners, row, px, py, pz, nx, ny, nz)
+    _, u, v, _ = meet_triangle(m.corners, row, Line(px, py, pz, nx, ny, nz))
     w = 1.0 - u - v
     # Interpolate the normals of its corners
     c = m.corner_normals
@@ -123,22 +146,20 @@ def close_to_edge(c: F64, row: int, x: float, y: float, z: float, distance: floa
 
 @inner_kernel
 def nearest_around(
-    c: F64, triangles: I32, first_around: I64, around: I32, row: int,
-    near: float, least: float, limit: float, way: float,
-    ox: float, oy: float, oz: float, dx: float, dy: float, dz: float,
-) -> tuple[float, int]:  # fmt: skip
+    mesh: Triangles, row: int, near: float, least: float, limit: float, way: float, line: Line
+) -> tuple[float, int]:
     """Nearest hit with the triangles that share a vertex with ``row``; -1 without one.
 
     Hits not beyond ``least`` count only if the ray crosses the triangle in the sense of ``way``.
     """
     best, found = limit, -1
     for corner in range(3):
-        vertex = triangles[row, corner]
-        for place in range(first_around[vertex], first_around[vertex + 1]):
-            other = around[place]
+        vertex = mesh.triangles[row, corner]
+        for place in range(mesh.first_around[vertex], mesh.first_around[vertex + 1]):
+            other = mesh.around[place]
             if other == row:
                 continue
-            t, u, v, crossing = meet_triangle(c, other, ox, oy, oz, dx, dy, dz)
+            t, u, v, crossing = meet_triangle(mesh.corners, other, line)
             if (
                 t < best
                 and inside_triangle(u, v)

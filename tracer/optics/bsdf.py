@@ -21,8 +21,8 @@ from raymap.laws.tabulated import (
     incidence_slice,
     tabulated_share,
 )
+from raymap.optics.angles import turned
 from raymap.optics.frames import frame_about
-from tracer.rays.directions import turned
 
 __all__ = [
     "pdf_lambert",

@@ -9,7 +9,7 @@ import numpy as np
 from raymap.jit.kernels import inner_kernel, lean_kernel
 from raymap.jit.types import F64
 from raymap.laws.radial import RADIAL_HEAD, RADIAL_NODES, eval_radial, scatter_share
-from tracer.rays.directions import turned
+from raymap.optics.angles import turned
 
 __all__ = ["pdf_radial", "sample_radial"]
 

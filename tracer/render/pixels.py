@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from tracer.crystals.tree import (
 )
 from tracer.render.room import RoomArrays, wall_radiance
 
-__all__ = ["render_rays"]
+__all__ = ["CameraRays", "Pruning", "Spectrum", "render_rays"]
 
 Array = np.ndarray[Any, np.dtype[Any]]
 
@@ -103,27 +103,53 @@ def _allowance(
     return enough, max(factor, 1.0)
 
 
+class Spectrum(NamedTuple):
+    """What is the same for all rays at the m wavelengths.
+
+    media : (m, n_bodies + 1, ROW)
+    wavelengths_nm : (m,)
+    primaries : (m, 3) emission of red, green, blue walls
+    """
+
+    media: Array
+    wavelengths_nm: Array
+    primaries: Array
+
+
+class CameraRays(NamedTuple):
+    """(n, 3) each: where rays start, against the light, and vibrate (0: natural light)."""
+
+    origin: Array
+    direction: Array
+    analyser: Array
+
+
+class Pruning(NamedTuple):
+    """What may be left out of the trees.
+
+    max_events : of a branch
+    tolerance : (m,) share that may be left out at each wavelength in the darkest pixel; 0 = nothing
+    weights : (m, 3) radiance to linear sRGB
+    bounds : (m, 3) largest change of linear sRGB by a share 1 at one wavelength
+    base : (3,) sum of bounds times tolerance
+    steps : error allowed by pruning, in 8-bit steps of sRGB
+    capacity : of waiting branches, and of exits
+    """
+
+    max_events: int
+    tolerance: Array
+    weights: Array
+    bounds: Array
+    base: Array
+    steps: float
+    capacity: int
+
+
 @kernel
 def render_rays(
-    bodies: BodyArrays,
-    room: RoomArrays,
-    media: Array,
-    wavelengths_nm: Array,
-    primaries: Array,
-    origin: Array,
-    direction: Array,
-    analyser: Array,
-    max_events: int,
-    tolerance: Array,
-    weights: Array,
-    bounds: Array,
-    base: Array,
-    steps: float,
-    capacity: int,
-    radiance: Array,
-    pruned: Array,
-    truncated: Array,
-) -> None:
+    bodies: BodyArrays, room: RoomArrays, spectrum: Spectrum, rays: CameraRays, pruning: Pruning,
+    radiance: Array, pruned: Array, truncated: Array,
+) -> None:  # fmt: skip
     """Radiance of n rays at m wavelengths.
 
     A tree is grown along each ray against the light. By reciprocity the share of a branch is the
@@ -133,19 +159,13 @@ def render_rays(
 
     Parameters
     ----------
-    media : (m, n_bodies + 1, ROW)
-    primaries : (m, 3) emission of red, green, blue walls
-    origin, direction, analyser : (n, 3)
-    tolerance : (m,) share that may be left out at each wavelength in the darkest pixel; 0 = nothing
-    weights : (m, 3) radiance to linear sRGB
-    bounds : (m, 3) largest change of linear sRGB by a share 1 at one wavelength
-    base : (3,) sum of bounds times tolerance
-    steps : error allowed by pruning, in 8-bit steps of sRGB
-    capacity : of waiting branches, and of exits
     radiance, pruned, truncated : (n, m), written; the last two are shares
     """
-    scratch = tree_scratch(capacity)
-    exits = np.zeros((capacity, EXIT))
+    origin, direction, analyser = rays.origin, rays.direction, rays.analyser
+    wavelengths_nm, primaries = spectrum.wavelengths_nm, spectrum.primaries
+    tolerance, steps = pruning.tolerance, pruning.steps
+    scratch = tree_scratch(pruning.capacity)
+    exits = np.zeros((pruning.capacity, EXIT))
     start = np.zeros(NODE)
     stack = np.zeros(64, np.int64)
     factor = _FIRST
@@ -185,11 +205,11 @@ def render_rays(
                 radiance[i, w], pruned[i, w], truncated[i, w] = _tree_radiance(
                     bodies,
                     room,
-                    media[w],
+                    spectrum.media[w],
                     wavelengths_nm[w],
                     primaries[w],
                     start,
-                    max_events,
+                    pruning.max_events,
                     factor * tolerance[w],
                     scratch,
                     exits,
@@ -197,7 +217,9 @@ def render_rays(
                 radiance[i, w] *= half
             if steps == 0.0:
                 break
-            enough, allowed = _allowance(radiance[i], pruned[i], weights, bounds, base, steps)
+            enough, allowed = _allowance(
+                radiance[i], pruned[i], pruning.weights, pruning.bounds, pruning.base, steps
+            )
             factor = allowed
             if enough:
                 break

@@ -206,26 +206,25 @@ def _prepare(scene: RenderScene) -> _Work:
 
 def _pixels(work: _Work, columns: NDArray[np.int64], rows: NDArray[np.int64]) -> Real:
     """(3, n, m) radiance and shares pruned and truncated of some pixels."""
-    from tracer.render.pixels import render_rays
+    from tracer.render.pixels import CameraRays, Pruning, Spectrum, render_rays
 
     rays = work.scene.camera.rays(columns, rows)
     sums = np.zeros((3, len(rays.origin), len(work.scene.wavelengths_nm)))
+    wavelengths = np.asarray(work.scene.wavelengths_nm, np.float64)
     render_rays(
         work.bodies,
         work.room,
-        work.media,
-        np.asarray(work.scene.wavelengths_nm, np.float64),
-        work.primaries,
-        rays.origin,
-        rays.direction,
-        rays.analyser,
-        work.scene.max_events,
-        work.tolerance,
-        work.weights,
-        work.bounds,
-        work.tolerance @ work.bounds,
-        work.scene.pruning_error,
-        work.capacity,
+        Spectrum(work.media, wavelengths, work.primaries),
+        CameraRays(rays.origin, rays.direction, rays.analyser),
+        Pruning(
+            max_events=work.scene.max_events,
+            tolerance=work.tolerance,
+            weights=work.weights,
+            bounds=work.bounds,
+            base=work.tolerance @ work.bounds,
+            steps=work.scene.pruning_error,
+            capacity=work.capacity,
+        ),
         sums[0],
         sums[1],
         sums[2],

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from raymap.jit.kernels import lean_kernel
 from raymap.jit.types import F64, I64
+from raymap.optics.angles import turned
 from tracer.compiled import (
     COLLIMATED,
     FROM_POINT,
@@ -22,13 +23,7 @@ from tracer.compiled import (
     L_DIRECTIONS,
     LAMBERTIAN_CONE,
 )
-from tracer.rays.directions import (
-    about,
-    sample_cosine_cone,
-    sample_uniform_cone,
-    sine_of,
-    turned,
-)
+from tracer.rays.directions import about, sample_cosine_cone, sample_uniform_cone, sine_of
 from tracer.rays.random import advance, stream_state, uniform
 
 __all__ = ["PATTERN", "deal_rays", "emit_ray", "emitted_counts", "place_on_area"]

@@ -11,8 +11,9 @@ from __future__ import annotations
 import math
 
 from raymap.jit.kernels import inner_kernel
+from raymap.optics.angles import turned
 from tracer.compiled import FROM_BOX, FROM_CYLINDER_U, FROM_CYLINDER_V, FROM_ELLIPSOID
-from tracer.rays.directions import about, turned
+from tracer.rays.directions import about
 
 __all__ = ["place_on_body"]
 

@@ -7,6 +7,7 @@ directions have no width, give nothing.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from raymap.jit.kernels import inner_kernel
 from raymap.jit.types import F64, I64
@@ -22,26 +23,37 @@ from tracer.compiled import (
 )
 from tracer.sources.source import EMITS_TOWARDS
 
-__all__ = ["emitted_towards"]
+__all__ = ["Place", "emitted_towards"]
 
 _towards = EMITS_TOWARDS.call
 
 
+class Place(NamedTuple):
+    """A place on a source, and the unit normal there."""
+
+    x: float
+    y: float
+    z: float
+    nx: float
+    ny: float
+    nz: float
+
+
 @inner_kernel
 def emitted_towards(
-    source_i: I64, source_f: F64, pool: F64 | None, source: int, x: float, y: float, z: float,
-    nx: float, ny: float, nz: float, ox: float, oy: float, oz: float,
+    source_i: I64, source_f: F64, pool: F64 | None, source: int, place: Place, ox: float,
+    oy: float, oz: float,
 ) -> float:  # fmt: skip
-    """Share of a source's light per solid angle in the direction o, from a place with normal n."""
+    """Share of a source's light per solid angle in the direction o from a place."""
     if source_i[source, L_AREA] == FROM_KIND:
         if pool is None or source_i[source, L_TOWARDS] == 0:
             return 0.0
-        return _by_kind(source_i, source_f[source], pool, source, x, y, z, ox, oy, oz)
+        return _by_kind(source_i, source_f[source], pool, source, place, ox, oy, oz)
     kind = source_i[source, L_DIRECTIONS]
     if kind == COLLIMATED or source_i[source, L_AREA] == FROM_LIST:
         return 0.0
     s = source_f[source]
-    cosine = ox * nx + oy * ny + oz * nz
+    cosine = ox * place.nx + oy * place.ny + oz * place.nz
     if kind == BY_TABLE:
         if pool is None:
             return 0.0
@@ -57,12 +69,11 @@ def emitted_towards(
 
 @inner_kernel
 def _by_kind(
-    source_i: I64, s: F64, pool: F64, source: int, x: float, y: float, z: float, ox: float,
-    oy: float, oz: float,
-) -> float:  # fmt: skip
+    source_i: I64, s: F64, pool: F64, source: int, place: Place, ox: float, oy: float, oz: float
+) -> float:
     first = int(s[21])
     own = pool[first + 1 : first + 1 + int(pool[first])]
-    x, y, z = x - s[0], y - s[1], z - s[2]
+    x, y, z = place.x - s[0], place.y - s[1], place.z - s[2]
     density: float = _towards(
         source_i[source, L_TOWARDS],
         (

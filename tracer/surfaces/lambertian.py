@@ -12,8 +12,9 @@ from raymap.laws.lambertian import LambertianLaw
 from raymap.laws.law import Law as StoredLaw
 from tracer.compiled import LAMBERTIAN, SURFACE_ROW
 from tracer.description.fields import Spectral
+from tracer.optics.bsdf import pdf_lambert, sample_lambert
 from tracer.rays.colors import COLORS, mean_of, recolor, recolor_lost
-from tracer.rays.directions import about, turned
+from tracer.rays.directions import about
 from tracer.rays.random import advance, uniform
 from tracer.surfaces.interaction import (
     ABSORBED,
@@ -81,16 +82,14 @@ def _sides(optics: Optics, surface: int, light: Light) -> tuple[float, float]:
 def draw_lambertian(optics: Optics, hit: Hit, light: Light) -> Outcome:
     """`tracer.surfaces.interaction.DRAW`: sides in the proportion of their light."""
     back, through = _sides(optics, hit.surface, light)
-    u1 = advance(light.state)
-    u2 = advance(u1)
+    first = advance(light.state)
+    state = advance(first)
     if not back + through > 0.0:
         return ABSORBED, 0.0, 0.0, 1.0, light.code, light.state
-    square = uniform(u1)
-    along, across = turned(uniform(u2))
-    x, y, z = math.sqrt(square) * along, math.sqrt(square) * across, math.sqrt(1.0 - square)
+    x, y, z = sample_lambert(uniform(first), uniform(state), 1.0)
     if through <= 0.0:
-        return DIFFUSE_REFLECTION, x, y, z, light.code, u2
-    state = advance(u2)
+        return DIFFUSE_REFLECTION, x, y, z, light.code, state
+    state = advance(state)
     if uniform(state) * (back + through) < back:
         return DIFFUSE_REFLECTION, x, y, z, light.code, state
     return DIFFUSE_TRANSMISSION, x, y, -z, light.code, state
@@ -106,7 +105,7 @@ def weigh_lambertian(optics: Optics, hit: Hit, light: Light, z: float, row: int)
         return 0.0
     for k in range(light.colors.shape[1]):
         light.colors[row, k] = optics.surface_f[hit.surface, column + k] / side
-    return side * abs(z) / math.pi
+    return side * pdf_lambert(abs(z), 1.0)
 
 
 @inner_kernel

@@ -8,17 +8,14 @@ import numpy as np
 
 from raymap.jit.kernels import inner_kernel, stage_kernel
 from raymap.jit.types import F64
+from raymap.laws import microfacet_losses
 from raymap.laws.law import Law as StoredLaw
+from raymap.laws.microfacet import eval_rough_dielectric
 from raymap.laws.rough import RoughLaw
 from raymap.optics.fresnel import fresnel_reflectance
 from tracer.compiled import ROUGH_DIELECTRIC, S_FACETS
 from tracer.description.fields import Finite
-from tracer.optics import microfacet_losses
-from tracer.optics.microfacet import (
-    eval_rough_dielectric,
-    pdf_rough_dielectric,
-    sample_rough_dielectric,
-)
+from tracer.optics.microfacet import pdf_rough_dielectric, sample_rough_dielectric
 from tracer.rays.colors import COLORS, pick_channel, recolor
 from tracer.rays.random import advance, five_uniform, uniform
 from tracer.surfaces.interaction import (
@@ -88,7 +85,7 @@ def _draw(
     x, y, z, cos_m = sample_rough_dielectric(
         optics.tables, optics.surface_i[hit.surface, S_FACETS], hit.wx, hit.wy, hit.wz,
         optics.surface_f[hit.surface, 0], medium_f[hit.medium, k], medium_f[hit.other, k],
-        u[0], u[1], u[2], u[3], u[4],
+        u,
     )  # fmt: skip
     return k, select, x, y, z, cos_m, state
 

@@ -8,12 +8,13 @@ import numpy as np
 
 from raymap.jit.kernels import stage_kernel
 from raymap.jit.types import F64
+from raymap.laws import microfacet_losses
 from raymap.laws.law import Law as StoredLaw
+from raymap.laws.microfacet import eval_rough_conductor
 from raymap.laws.mirror import MirrorLaw
 from tracer.compiled import ROUGH_MIRROR, S_FACETS, SURFACE_ROW
 from tracer.description.fields import Finite, Spectral
-from tracer.optics import microfacet_losses
-from tracer.optics.microfacet import eval_rough_conductor, sample_rough_conductor
+from tracer.optics.microfacet import sample_rough_conductor
 from tracer.rays.colors import COLORS, mean_of, recolor, recolor_lost
 from tracer.rays.random import advance, five_uniform, uniform
 from tracer.surfaces.interaction import ABSORBED, GLOSSY_REFLECTION, Hit, Light, Optics, Outcome
@@ -37,7 +38,7 @@ def meet_rough_mirror(optics: Optics, hit: Hit, light: Light) -> Outcome:
     u, state = five_uniform(light.state)
     x, y, z, cos_m = sample_rough_conductor(
         optics.tables, optics.surface_i[hit.surface, S_FACETS], hit.wx, hit.wy, hit.wz,
-        optics.surface_f[hit.surface, 0], u[0], u[1], u[2], u[3], u[4],
+        optics.surface_f[hit.surface, 0], u,
     )  # fmt: skip
     state = advance(state)
     if cos_m >= 0.0:
@@ -66,7 +67,7 @@ def draw_rough_mirror(optics: Optics, hit: Hit, light: Light) -> Outcome:
     u, state = five_uniform(light.state)
     x, y, z, _ = sample_rough_conductor(
         optics.tables, optics.surface_i[hit.surface, S_FACETS], hit.wx, hit.wy, hit.wz,
-        optics.surface_f[hit.surface, 0], u[0], u[1], u[2], u[3], u[4],
+        optics.surface_f[hit.surface, 0], u,
     )  # fmt: skip
     return GLOSSY_REFLECTION, x, y, z, light.code, state
 

@@ -11,7 +11,7 @@ from raymap.laws.law import Law as StoredLaw
 from raymap.laws.tabulated import MeasuredBsdf, TabulatedLaw, eval_tabulated, tabulated_share
 from tracer.compiled import S_REFLECTED, S_TRANSMITTED, TABULATED
 from tracer.description.fields import Finite, Node
-from tracer.optics.bsdf import sample_tabulated
+from tracer.optics.bsdf import pdf_tabulated, sample_tabulated
 from tracer.rays.random import five_uniform
 from tracer.surfaces.interaction import (
     ABSORBED,
@@ -85,11 +85,11 @@ def weigh_tabulated(
     back, through, reflected, transmitted = _shares(optics, hit)
     for k in range(light.colors.shape[1]):
         light.colors[row, k] = reflected + transmitted
-    table, side = (back, 1.0) if z > 0.0 else (through, -1.0)
+    table, side, part = (back, 1.0, reflected) if z > 0.0 else (through, -1.0, transmitted)
     if table < 0:
         return 0.0
-    value = eval_tabulated(optics.tables, table, hit.wx, hit.wy, hit.wz, x, y, z, side)
-    return value * abs(z) / (reflected + transmitted)
+    density = pdf_tabulated(optics.tables, table, hit.wx, hit.wy, hit.wz, x, y, z, side)
+    return density * part / (reflected + transmitted)
 
 
 @stage_kernel

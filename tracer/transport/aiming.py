@@ -13,8 +13,9 @@ from typing import NamedTuple
 
 from raymap.jit.kernels import inner_kernel, lean_kernel
 from raymap.jit.types import F64
+from raymap.optics.angles import turned
 from tracer.compiled import TARGET_RECTANGLE, TARGET_SPHERE
-from tracer.rays.directions import about, sample_uniform_cone, sine_of, turned
+from tracer.rays.directions import about, sample_uniform_cone, sine_of
 
 __all__ = ["Start", "aim_at", "count_targets", "pdf_aim"]
 

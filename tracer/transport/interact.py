@@ -75,10 +75,25 @@ from tracer.transport.buffers import (
     T,
 )
 from tracer.transport.contacts import cross_face, left_together, scene_touches
-from tracer.transport.meetings import near_planes, pass_planes, pass_views, register_on_face
+from tracer.transport.meetings import (
+    Descriptors,
+    Detectors,
+    Segment,
+    near_planes,
+    pass_planes,
+    pass_views,
+    register_on_face,
+)
 from tracer.transport.nests import top_body
-from tracer.transport.records import ENDING, write_record
-from tracer.transport.splitting import Twins, gather_twins, release_twin, twin_code, twin_event
+from tracer.transport.records import ENDING, Record, RecordColumns, write_record
+from tracer.transport.splitting import (
+    Fork,
+    Twins,
+    gather_twins,
+    release_twin,
+    twin_code,
+    twin_event,
+)
 from tracer.transport.streams import DONE
 from tracer.transport.weighted import aim_in_volume, end_faint_ray, meet
 from tracer.transport.weighted_aim import Flight
@@ -107,7 +122,7 @@ def emit_block(scene: CompiledScene, seed: int, first_ray: int, n: int, b: Buffe
     """Start the rays ``first_ray`` to ``first_ray + n`` and write their first records."""
     source_i, source_f, pattern = scene.source_i, scene.source_f, scene.pattern
     live_f, live_i, ray_i, counters = b.live_f, b.live_i, b.ray_i, b.counters
-    words, real, exact, colors = b.words, b.real, b.exact, b.colors
+    columns, exact, colors = RecordColumns(b.words, b.real, b.owners), b.exact, b.colors
     n_sources, n_channels = len(source_i), colors.shape[1]
     for source in range(n_sources):
         for channel in range(n_channels):
@@ -135,10 +150,8 @@ def emit_block(scene: CompiledScene, seed: int, first_ray: int, n: int, b: Buffe
         live_i[RNG, i] = np.int64(state)
         live_i[RAY, i] = i
         live_i[LAST, i] = i
-        write_record(
-            words, real, b.owners, i, x, y, z, nx, ny, nz, -1, -1, EMITTED,
-            source_i[source, L_MEDIUM], code, i,
-        )  # fmt: skip
+        start = Record(x, y, z, nx, ny, nz, -1, -1, EMITTED, source_i[source, L_MEDIUM], code, i)
+        write_record(columns, i, start)
         if len(exact) > 0:
             exact[i, 0], exact[i, 1], exact[i, 2] = x, y, z
         ray_i[N_RECORDS, i] = 1
@@ -168,9 +181,8 @@ def place_block(
         live_i[RAY, i] = i
         live_i[LAST, i] = i
         x, y, z = live_f[0, i], live_f[1, i], live_f[2, i]
-        write_record(
-            b.words, b.real, b.owners, i, x, y, z, 0.0, 0.0, 0.0, -1, -1, EMITTED, world, 0, i
-        )  # fmt: skip
+        start = Record(x, y, z, 0.0, 0.0, 0.0, -1, -1, EMITTED, world, 0, i)
+        write_record(RecordColumns(b.words, b.real, b.owners), i, start)
         if len(b.exact) > 0:
             b.exact[i, 0], b.exact[i, 1], b.exact[i, 2] = x, y, z
         b.ray_i[N_RECORDS, i] = 1
@@ -190,12 +202,13 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
     face_i, face_f, body_i = scene.face_i, scene.face_f, scene.body_i
     medium_i, medium_f, tables = scene.medium_i, scene.medium_f, scene.tables
     optics = optics_of(scene)
-    detector_i, detector_f = scene.detector_i, scene.detector_f
+    detectors = Detectors(scene.detector_i, scene.detector_f)
     sphere, world, depth = scene.sphere, scene.limits[WORLD], scene.limits[DEPTH]
     virtual, rare, views = scene.limits[VIRTUAL], scene.rare, scene.views
     live_f, live_i, ray_i, ray_f = b.live_f, b.live_i, b.ray_i, b.ray_f
-    words, real, owners, exact = b.words, b.real, b.owners, b.exact
-    meetings, meeting_t, colors, counters = b.meetings, b.meeting_t, b.colors, b.counters
+    exact, colors, counters = b.exact, b.colors, b.counters
+    columns = RecordColumns(b.words, b.real, b.owners)
+    descriptors = Descriptors(b.words, b.meetings, b.meeting_t, b.counters)
     n_channels = colors.shape[1]
     volume_key = 2 * len(face_i) + len(scene.source_i)
     far = max(abs(sphere[0]), abs(sphere[1]), abs(sphere[2]))
@@ -242,15 +255,10 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
         if event == 0 and face < 0:
             event = LEFT_SCENE
             t = _to_sphere(sphere, x, y, z, dx, dy, dz)
+        segment = Segment(last, x, y, z, ux, uy, uz, t)
         if virtual != 0 and near_planes(sphere, x, y, z, ux, uy, uz, t):
-            pass_planes(
-                detector_i, detector_f, last, x, y, z, ux, uy, uz, t, tiny, words, meetings,
-                meeting_t, counters,
-            )  # fmt: skip
-        pass_views(
-            views, detector_i, detector_f, last, x, y, z, ux, uy, uz, t, event == LEFT_SCENE,
-            words, meetings, meeting_t, counters,
-        )  # fmt: skip
+            pass_planes(detectors, segment, tiny, descriptors)
+        pass_views(views, detectors, segment, event == LEFT_SCENE, descriptors)
         x += t * ux
         y += t * uy
         z += t * uz
@@ -348,9 +356,8 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
                         medium = other
                     if face_i[met, F_DETECTOR] >= 0:
                         event |= register_on_face(
-                            views, detector_i, detector_f, face_i[met, F_DETECTOR], last, x, y,
-                            z, ux, uy, uz, t, cosine, triangle, words, meetings, meeting_t,
-                            counters,
+                            views, detectors, face_i[met, F_DETECTOR], segment, x, y, z, cosine,
+                            triangle, descriptors,
                         )  # fmt: skip
             axis = face_i[met, F_AXIS]
             along = dx if axis == 0 else (dy if axis == 1 else dz)
@@ -360,23 +367,23 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
                 event = (event & RIM_HIT) | DEPTH_LIMIT
             turned_off = twin_event(twins, event)
             event, weight, state = end_faint_ray(rare, event, weight, state)
-            write_record(
-                words, real, owners, r, x, y, z, nx, ny, nz, obj, triangle, event, medium, code, ray
-            )
+            point = Record(x, y, z, nx, ny, nz, obj, triangle, event, medium, code, ray)
+            write_record(columns, r, point)
             if len(exact) > 0:
                 exact[r, 0], exact[r, 1], exact[r, 2] = x, y, z
             last = r
             r += 1
             ray_i[N_RECORDS, unsigned(ray)] += 1
             if turned_off != 0:
-                twin = release_twin(
-                    twins, b, ray, r, x, y, z, nx, ny, nz, cosine, face, face_i[face, F_AXIS],
-                    own_body, own_triangle, nest_before, medium_before, state,
+                fork = Fork(
+                    x, y, z, nx, ny, nz, cosine, face, face_i[face, F_AXIS], own_body, own_triangle
+                )
+                twin = release_twin(twins, b, ray, r, fork, nest_before, medium_before, state)
+                point = Record(
+                    x, y, z, nx, ny, nz, obj, triangle, turned_off, medium_before,
+                    twin_code(twins), twin,
                 )  # fmt: skip
-                write_record(
-                    words, real, owners, r, x, y, z, nx, ny, nz, obj, triangle, turned_off,
-                    medium_before, twin_code(twins), twin,
-                )  # fmt: skip
+                write_record(columns, r, point)
                 r += 1
             if event & ENDING != 0:
                 ray_f[unsigned(ray)] = weight

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,7 +38,15 @@ from tracer.transport.buffers import (
     EVENT,
 )
 
-__all__ = ["near_planes", "pass_planes", "pass_views", "register_on_face"]
+__all__ = [
+    "Descriptors",
+    "Detectors",
+    "Segment",
+    "near_planes",
+    "pass_planes",
+    "pass_views",
+    "register_on_face",
+]
 
 _register = REGISTER.call
 
@@ -60,21 +69,50 @@ def near_planes(
     return not (below | above)
 
 
+class Detectors(NamedTuple):
+    """The detectors of a scene, as in `tracer.compiled.CompiledScene`."""
+
+    detector_i: I64
+    detector_f: F64
+
+
+class Descriptors(NamedTuple):
+    """Where descriptors are written, columns of `tracer.transport.buffers.Buffers`."""
+
+    words: I32
+    meetings: I32
+    meeting_t: F64
+    counters: I64
+
+
+class Segment(NamedTuple):
+    """A straight piece of a ray: its record, where it starts, its unit direction and length."""
+
+    record: int
+    x: float
+    y: float
+    z: float
+    dx: float
+    dy: float
+    dz: float
+    t: float
+
+
 @inner_kernel
 def pass_planes(
-    detector_i: I64, detector_f: F64, record: int, x: float, y: float, z: float, dx: float,
-    dy: float, dz: float, t_end: float, reach: float, words: I32, meetings: I32, meeting_t: F64,
-    counters: I64,
-) -> None:  # fmt: skip
+    detectors: Detectors, segment: Segment, reach: float, descriptors: Descriptors
+) -> None:
     """Note the virtual planes that a segment crosses, or on which it ends.
 
     What is within ``reach`` of a plane lies on it: light that meets a face in the plane of a
     detector is counted as it arrives, and not again as it goes on.
     """
-    for d in range(len(detector_i)):
-        if detector_i[d, D_VIRTUAL] == 0:
+    x, y, z, t_end = segment.x, segment.y, segment.z, segment.t
+    dx, dy, dz = segment.dx, segment.dy, segment.dz
+    for d in range(len(detectors.detector_i)):
+        if detectors.detector_i[d, D_VIRTUAL] == 0:
             continue
-        s = detector_f[d]
+        s = detectors.detector_f[d]
         d_n = dx * s[9] + dy * s[10] + dz * s[11]
         height = (x - s[0]) * s[9] + (y - s[1]) * s[10] + (z - s[2]) * s[11]
         if abs(height) <= reach:
@@ -92,39 +130,30 @@ def pass_planes(
         u, v = p_u / s[12] + 0.5, p_v / s[13] + 0.5
         if u < 0.0 or u > 1.0 or v < 0.0 or v > 1.0:
             continue
-        _describe(
-            detector_i, detector_f, d, record, u, v, -d_n, t, words, meetings, meeting_t, counters
-        )
+        _describe(detectors, d, segment.record, u, v, -d_n, t, descriptors)
 
 
 @inline_kernel
 def pass_views(
-    views: Views | None, detector_i: I64, detector_f: F64, record: int, x: float, y: float,
-    z: float, dx: float, dy: float, dz: float, t_end: float, left: bool, words: I32,
-    meetings: I32, meeting_t: F64, counters: I64,
+    views: Views | None, detectors: Detectors, segment: Segment, left: bool,
+    descriptors: Descriptors,
 ) -> None:  # fmt: skip
     """Note the cameras that a segment passes and, where it leaves the scene, the far fields."""
     if views is not None:
-        _pass_views(
-            views, detector_i, detector_f, record, x, y, z, dx, dy, dz, t_end, left, words,
-            meetings, meeting_t, counters,
-        )  # fmt: skip
+        _pass_views(views, detectors, segment, left, descriptors)
 
 
 @inner_kernel
 def _pass_views(
-    views: Views, detector_i: I64, detector_f: F64, record: int, x: float, y: float, z: float,
-    dx: float, dy: float, dz: float, t_end: float, left: bool, words: I32, meetings: I32,
-    meeting_t: F64, counters: I64,
-) -> None:  # fmt: skip
+    views: Views, detectors: Detectors, segment: Segment, left: bool, descriptors: Descriptors
+) -> None:
     kinds, numbers = views.kind, views.numbers
+    x, y, z = segment.x, segment.y, segment.z
+    dx, dy, dz = segment.dx, segment.dy, segment.dz
     for d in range(len(kinds)):
         kind = kinds[d]
         if kind == VIEW_BY_KIND:
-            _ask_kind(
-                detector_i, detector_f, numbers, d, record, x, y, z, dx, dy, dz, t_end, left,
-                words, meetings, meeting_t, counters,
-            )  # fmt: skip
+            _ask_kind(detectors, numbers, d, segment, left, descriptors)
             continue
         if kind != CAMERA and not (left and kind == FAR_FIELD):
             continue
@@ -139,16 +168,13 @@ def _pass_views(
             v = (gamma - s[12]) / (s[13] - s[12])
             if v < 0.0 or v > 1.0:
                 continue
-            _describe(
-                detector_i, detector_f, d, record, u, v, 1.0, t_end, words, meetings, meeting_t,
-                counters,
-            )  # fmt: skip
+            _describe(detectors, d, segment.record, u, v, 1.0, segment.t, descriptors)
             continue
         # Cross the lens from the front
         if d_n >= 0.0:
             continue
         t = ((s[0] - x) * s[9] + (s[1] - y) * s[10] + (s[2] - z) * s[11]) / d_n
-        if not 0.0 < t <= t_end:
+        if not 0.0 < t <= segment.t:
             continue
         px, py, pz = x + t * dx - s[0], y + t * dy - s[1], z + t * dz - s[2]
         if px * px + py * py + pz * pz > s[12] * s[12]:
@@ -160,22 +186,20 @@ def _pass_views(
         v = 0.5 + 0.5 * v / s[15]
         if u < 0.0 or u > 1.0 or v < 0.0 or v > 1.0:
             continue
-        _describe(
-            detector_i, detector_f, d, record, u, v, -d_n, t, words, meetings, meeting_t, counters
-        )
+        _describe(detectors, d, segment.record, u, v, -d_n, t, descriptors)
 
 
 @inner_kernel
 def _ask_kind(
-    detector_i: I64, detector_f: F64, numbers: F64, d: int, record: int, x: float, y: float,
-    z: float, dx: float, dy: float, dz: float, t_end: float, left: bool, words: I32, meetings: I32,
-    meeting_t: F64, counters: I64,
+    detectors: Detectors, numbers: F64, d: int, segment: Segment, left: bool,
+    descriptors: Descriptors,
 ) -> None:  # fmt: skip
     """Ask a kind of another distribution whether light registers on a segment."""
     s = numbers[d]
-    x, y, z = x - s[0], y - s[1], z - s[2]
+    x, y, z = segment.x - s[0], segment.y - s[1], segment.z - s[2]
+    dx, dy, dz = segment.dx, segment.dy, segment.dz
     t, u, v, cosine = _register(
-        detector_i[d, D_REGISTER],
+        detectors.detector_i[d, D_REGISTER],
         (
             s[12:],
             x * s[3] + y * s[4] + z * s[5],
@@ -184,45 +208,35 @@ def _ask_kind(
             dx * s[3] + dy * s[4] + dz * s[5],
             dx * s[6] + dy * s[7] + dz * s[8],
             dx * s[9] + dy * s[10] + dz * s[11],
-            t_end,
+            segment.t,
             left,
         ),
     )
-    if 0.0 <= t <= t_end and 0.0 <= u <= 1.0 and 0.0 <= v <= 1.0:
-        _describe(
-            detector_i, detector_f, d, record, u, v, cosine, t, words, meetings, meeting_t, counters
-        )
+    if 0.0 <= t <= segment.t and 0.0 <= u <= 1.0 and 0.0 <= v <= 1.0:
+        _describe(detectors, d, segment.record, u, v, cosine, t, descriptors)
 
 
 @inline_kernel
 def register_on_face(
-    views: Views | None, detector_i: I64, detector_f: F64, detector: int, record: int, x: float,
-    y: float, z: float, dx: float, dy: float, dz: float, t: float, cosine: float, triangle: int,
-    words: I32, meetings: I32, meeting_t: F64, counters: I64,
+    views: Views | None, detectors: Detectors, d: int, segment: Segment, x: float, y: float,
+    z: float, cosine: float, triangle: int, descriptors: Descriptors,
 ) -> int:  # fmt: skip
-    """Register a meeting with the face of a detector; event bits of that point.
+    """Register light that meets the face of a detector at (x, y, z); event bits of that point.
 
     ``cosine`` is that of the ray with the outward normal of the face.
     """
     # Two questions, not one: the compiler leaves the branch out where there are no views
     if views is not None:  # noqa: SIM102
-        if views.kind[detector] != NO_VIEW:
-            _map_on_face(
-                views, detector_i, detector_f, detector, record, x, y, z, t, cosine, triangle,
-                words, meetings, meeting_t, counters,
-            )  # fmt: skip
+        if views.kind[d] != NO_VIEW:
+            _map_on_face(views, detectors, d, segment, x, y, z, cosine, triangle, descriptors)
             return 0
-    return _register_on_plane(
-        detector_i, detector_f, detector, record, x, y, z, dx, dy, dz, t, words, meetings,
-        meeting_t, counters,
-    )  # fmt: skip
+    return _register_on_plane(detectors, d, segment, x, y, z, descriptors)
 
 
 @inner_kernel
 def _map_on_face(
-    views: Views, detector_i: I64, detector_f: F64, d: int, record: int, x: float, y: float,
-    z: float, t: float, cosine: float, triangle: int, words: I32, meetings: I32, meeting_t: F64,
-    counters: I64,
+    views: Views, detectors: Detectors, d: int, segment: Segment, x: float, y: float, z: float,
+    cosine: float, triangle: int, descriptors: Descriptors,
 ) -> None:  # fmt: skip
     """Register light that arrives on a face in the map of that face."""
     s = views.numbers[d]
@@ -238,56 +252,50 @@ def _map_on_face(
         v = (px * s[9] + py * s[10] + pz * s[11] - s[12]) / (s[13] - s[12])
     else:
         cell = triangle - np.int64(s[12])
-        n_u, n_v = detector_i[d, D_CELLS_U], detector_i[d, D_CELLS_V]
+        n_u, n_v = detectors.detector_i[d, D_CELLS_U], detectors.detector_i[d, D_CELLS_V]
         u, v = (cell % n_u + 0.5) / n_u, (cell // n_u + 0.5) / n_v
     u, v = min(1.0, max(0.0, u)), min(1.0, max(0.0, v))
-    _describe(
-        detector_i, detector_f, d, record, u, v, -cosine * s[14], t, words, meetings, meeting_t,
-        counters,
-    )  # fmt: skip
+    _describe(detectors, d, segment.record, u, v, -cosine * s[14], segment.t, descriptors)
 
 
 @inner_kernel
 def _register_on_plane(
-    detector_i: I64, detector_f: F64, detector: int, record: int, x: float, y: float, z: float,
-    dx: float, dy: float, dz: float, t: float, words: I32, meetings: I32, meeting_t: F64,
-    counters: I64,
+    detectors: Detectors, d: int, segment: Segment, x: float, y: float, z: float,
+    descriptors: Descriptors,
 ) -> int:  # fmt: skip
     """Register a meeting with a blocking plane; event bits of that point."""
-    s = detector_f[detector]
+    s = detectors.detector_f[d]
     px, py, pz = x - s[0], y - s[1], z - s[2]
     u = min(1.0, max(0.0, (px * s[3] + py * s[4] + pz * s[5]) / s[12] + 0.5))
     v = min(1.0, max(0.0, (px * s[6] + py * s[7] + pz * s[8]) / s[13] + 0.5))
-    cosine = -(dx * s[9] + dy * s[10] + dz * s[11])
-    if _describe(
-        detector_i, detector_f, detector, record, u, v, cosine, t, words, meetings, meeting_t,
-        counters,
-    ):  # fmt: skip
+    cosine = -(segment.dx * s[9] + segment.dy * s[10] + segment.dz * s[11])
+    if _describe(detectors, d, segment.record, u, v, cosine, segment.t, descriptors):
         return REGISTERED
     return 0
 
 
 @inner_kernel
 def _describe(
-    detector_i: I64, detector_f: F64, detector: int, record: int, u: float, v: float,
-    cosine: float, t: float, words: I32, meetings: I32, meeting_t: F64, counters: I64,
+    detectors: Detectors, d: int, record: int, u: float, v: float, cosine: float, t: float,
+    descriptors: Descriptors,
 ) -> bool:  # fmt: skip
     """Write a descriptor and sum it up in the record of its segment; True if it registers."""
-    facing = abs(cosine) if detector_f[detector, 15] > 0.0 else cosine
-    registered = facing > 0.0 and facing >= detector_f[detector, 14]
-    n_u, n_v = detector_i[detector, D_CELLS_U], detector_i[detector, D_CELLS_V]
+    words, meetings = descriptors.words, descriptors.meetings
+    facing = abs(cosine) if detectors.detector_f[d, 15] > 0.0 else cosine
+    registered = facing > 0.0 and facing >= detectors.detector_f[d, 14]
+    n_u, n_v = detectors.detector_i[d, D_CELLS_U], detectors.detector_i[d, D_CELLS_V]
     cell_u = min(n_u - 1, np.int64(u * n_u))
     cell_v = min(n_v - 1, np.int64(v * n_v))
-    k = counters[DESCRIPTORS]
-    meetings[k, D_DETECTOR] = detector
+    k = descriptors.counters[DESCRIPTORS]
+    meetings[k, D_DETECTOR] = d
     meetings[k, D_CELL] = cell_u | (cell_v << 16)
     meetings[k, D_UV] = np.int64(u * 65535.0 + 0.5) | (np.int64(v * 65535.0 + 0.5) << 16)
     meetings[k, D_COSINE] = np.int64(math.floor(cosine * 32767.0 + 0.5))
     meetings[k, D_REGISTERED] = registered
     meetings[k, D_PREVIOUS] = words[record, CHAIN]
     meetings[k, D_RECORD] = record
-    meeting_t[k] = t
-    counters[DESCRIPTORS] = k + 1
+    descriptors.meeting_t[k] = t
+    descriptors.counters[DESCRIPTORS] = k + 1
     words[record, CHAIN] = k
     words[record, COUNT] += 1
     words[record, EVENT] |= CROSSED | (REGISTERED if registered else 0)

@@ -44,7 +44,7 @@ from tracer.geometry.mesh_arrays import MeshArrays, MeshScratch, mesh_scratch
 from tracer.geometry.mesh_hits import nearest_on_meshes
 from tracer.geometry.other_shapes import link_shapes
 from tracer.sources.linking import link_sources
-from tracer.sources.towards import emitted_towards
+from tracer.sources.towards import Place, emitted_towards
 from tracer.surfaces.interaction import Interface, Way, optics_of
 from tracer.surfaces.linking import link_surfaces
 from tracer.surfaces.towards import scattered_towards
@@ -342,8 +342,8 @@ def _connect(
                     scene.source_f[source, 5],
                 )
             density = emitted_towards(
-                scene.source_i, scene.source_f, scene.light_pool, source, x, y, z, nx, ny, nz, ox,
-                oy, oz,
+                scene.source_i, scene.source_f, scene.light_pool, source,
+                Place(x, y, z, nx, ny, nz), ox, oy, oz,
             )  # fmt: skip
             if density <= 0.0:
                 continue

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +26,7 @@ from tracer.transport.buffers import (
     Z,
 )
 
-__all__ = ["ENDING", "whole", "write_record", "write_words"]
+__all__ = ["ENDING", "Record", "RecordColumns", "whole", "write_record", "write_words"]
 
 ENDING = int(
     Event.SURFACE_ABSORPTION
@@ -38,17 +39,39 @@ ENDING = int(
 """Events of which the last record of a ray has exactly one."""
 
 
+class RecordColumns(NamedTuple):
+    """Where records are written, columns of `tracer.transport.buffers.Buffers`."""
+
+    words: I32
+    real: NDArray[np.float32]
+    owners: I32
+
+
+class Record(NamedTuple):
+    """A point of a ray: place, normal, what was met and what happened, the medium and the colour
+    code from there on, the ray's number in the block."""
+
+    x: float
+    y: float
+    z: float
+    nx: float
+    ny: float
+    nz: float
+    object: int
+    triangle: int
+    event: int
+    medium: int
+    code: int
+    ray: int
+
+
 @inline_kernel
-def write_record(
-    words: I32, real: NDArray[np.float32], owners: I32, r: int, x: float, y: float, z: float,
-    nx: float, ny: float, nz: float, obj: int, triangle: int, event: int, medium: int, code: int,
-    ray: int,
-) -> None:  # fmt: skip
+def write_record(columns: RecordColumns, r: int, s: Record) -> None:
     """Write record ``r``."""
-    p, q, s = whole(nx), whole(ny), whole(nz)
+    p, q, n = whole(s.nx), whole(s.ny), whole(s.nz)
     write_words(
-        words, real, owners, r, x, y, z, (p & 0xFFFF) | (q << 16), (s & 0xFFFF) | (obj << 16),
-        triangle, event, medium, code, ray | COUNTED if event & ENDING != 0 else ray,
+        columns, r, s.x, s.y, s.z, (p & 0xFFFF) | (q << 16), (n & 0xFFFF) | (s.object << 16),
+        s.triangle, s.event, s.medium, s.code, s.ray | COUNTED if s.event & ENDING != 0 else s.ray,
     )  # fmt: skip
 
 
@@ -60,11 +83,11 @@ def whole(component: float) -> int:
 
 @inline_kernel
 def write_words(
-    words: I32, real: NDArray[np.float32], owners: I32, r: int, x: float, y: float, z: float,
-    normal_xy: int, normal_z: int, triangle: int, event: int, medium: int, code: int, owner: int,
+    columns: RecordColumns, r: int, x: float, y: float, z: float, normal_xy: int, normal_z: int,
+    triangle: int, event: int, medium: int, code: int, owner: int,
 ) -> None:  # fmt: skip
     """Write record ``r`` of a normal (and object) that is packed already."""
-    row = unsigned(r)
+    words, real, row = columns.words, columns.real, unsigned(r)
     real[row, X], real[row, Y], real[row, Z] = x, y, z
     words[row, NORMAL_XY] = normal_xy
     words[row, NORMAL_Z] = normal_z
@@ -72,6 +95,6 @@ def write_words(
     words[row, EVENT] = event
     words[row, R_MEDIUM] = medium
     words[row, R_CODE] = code
-    owners[row] = owner
+    columns.owners[row] = owner
     words[row, COUNT] = 0
     words[row, CHAIN] = -1

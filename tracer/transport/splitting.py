@@ -46,6 +46,7 @@ from tracer.transport.buffers import (
 )
 
 __all__ = [
+    "Fork",
     "Twins",
     "find_ray_order",
     "gather_twins",
@@ -96,6 +97,23 @@ class Twins(NamedTuple):
     rays: I32
     emitted: I32
     spawned: I64
+
+
+class Fork(NamedTuple):
+    """Where a ray splits: the point, the outward normal there, the cosine of the ray with it, the
+    face and its main axis, mesh and triangle (-1 where there is none)."""
+
+    x: float
+    y: float
+    z: float
+    nx: float
+    ny: float
+    nz: float
+    cosine: float
+    face: int
+    axis: int
+    body: int
+    triangle: int
 
 
 def make_twins(block: int, rays: int) -> Twins:
@@ -169,25 +187,19 @@ def twin_code(twins: Twins | None) -> int:
 
 @inline_kernel
 def release_twin(
-    twins: Twins | None, b: Buffers, ray: int, r: int, x: float, y: float, z: float, nx: float,
-    ny: float, nz: float, cosine: float, face: int, axis: int, own_body: int, own_triangle: int,
-    nest: int, medium: int, state: np.uint64,
+    twins: Twins | None, b: Buffers, ray: int, r: int, at: Fork, nest: int, medium: int,
+    state: np.uint64,
 ) -> int:  # fmt: skip
     """Put the part that turned off behind the live rays; its number in the block."""
     if twins is None:
         return 0
-    return _release(
-        twins, b, ray, r, x, y, z, nx, ny, nz, cosine, face, axis, own_body, own_triangle, nest,
-        medium, state,
-    )  # fmt: skip
+    return _release(twins, b, ray, r, at, nest, medium, state)
 
 
 @inner_kernel
 def _release(
-    twins: Twins, b: Buffers, ray: int, r: int, x: float, y: float, z: float, nx: float, ny: float,
-    nz: float, cosine: float, face: int, axis: int, own_body: int, own_triangle: int, nest: int,
-    medium: int, state: np.uint64,
-) -> int:  # fmt: skip
+    twins: Twins, b: Buffers, ray: int, r: int, at: Fork, nest: int, medium: int, state: np.uint64
+) -> int:
     live_f, live_i = b.live_f, b.live_i
     i = b.counters[LIVE] + twins.spawned[0]
     twins.spawned[0] += 1
@@ -199,21 +211,21 @@ def _release(
     twins.rays[PARENT, number] = ray
     twins.rays[INHERITED, number] = b.ray_i[N_RECORDS, ray] - 1
     twins.outcome[T_PENDING] = 0
-    live_f[0, i], live_f[1, i], live_f[2, i] = x, y, z
+    live_f[0, i], live_f[1, i], live_f[2, i] = at.x, at.y, at.z
     d = twins.direction
-    along = d[0] * nx + d[1] * ny + d[2] * nz
-    if along * cosine > 0.0:
+    along = d[0] * at.nx + d[1] * at.ny + d[2] * at.nz
+    if along * at.cosine > 0.0:
         # Keep to the side of the triangle from which the light came
-        d[0] -= 2.0 * along * nx
-        d[1] -= 2.0 * along * ny
-        d[2] -= 2.0 * along * nz
+        d[0] -= 2.0 * along * at.nx
+        d[1] -= 2.0 * along * at.ny
+        d[2] -= 2.0 * along * at.nz
     scale = unit_factor(d[0], d[1], d[2])
     for k in range(3):
         live_f[3 + k, i] = scale * d[k]
     live_f[WEIGHT, i] = d[3]
-    live_i[OWN, i], live_i[KEY, i] = face, 2 * face + (1 if d[axis] >= 0.0 else 0)
+    live_i[OWN, i], live_i[KEY, i] = at.face, 2 * at.face + (1 if d[at.axis] >= 0.0 else 0)
     if len(live_i) > OWN_BODY:
-        live_i[OWN_BODY, i], live_i[OWN_TRIANGLE, i] = own_body, own_triangle
+        live_i[OWN_BODY, i], live_i[OWN_TRIANGLE, i] = at.body, at.triangle
     live_i[NEST, i], live_i[MEDIUM, i] = nest, medium
     live_i[CODE, i] = twins.outcome[T_CODE]
     # A stream of its own, keyed by that of the ray and by its number in the emission

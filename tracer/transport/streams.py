@@ -10,6 +10,7 @@ live rays; everything else about it is dealt with there.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -56,7 +57,7 @@ from tracer.transport.buffers import (
     T,
 )
 from tracer.transport.nests import enter_body, leave_body, top_body
-from tracer.transport.records import whole, write_words
+from tracer.transport.records import RecordColumns, whole, write_words
 from tracer.transport.refraction import (
     AFTER,
     CROSSES,
@@ -91,6 +92,28 @@ _MEDIUM_CHANGED = int(Event.MEDIUM_CHANGED)
 # Rows of stream_i: as in a bundle, then random state, colour code, last record, ray of the block
 _LAST, _RAY = 6, 7
 _PACKED = 1  # normals for the record, while the faces met are not needed
+
+
+class _Columns(NamedTuple):
+    """Columns of a stream, and of the rays that it was taken from."""
+
+    f: F64
+    g: I64
+    live_f: F64
+    live_i: I64
+    ray_i: I32
+
+
+class _Leg(NamedTuple):
+    """How far a stream is: the face it meets or stands on, its departure, nest and medium, records
+    written of each ray, row of the distances."""
+
+    face: int
+    key: int
+    nest: int
+    medium: int
+    legs: int
+    row: Integer
 
 
 @inner_kernel
@@ -159,7 +182,8 @@ def _follow(
     scene: Faces, b: Buffers, face: int, nest: int, medium: int, size: int, most: int
 ) -> None:
     """Follow a stream of rays that meet ``face``, for at most ``most`` records."""
-    f, g, live_f, live_i, ray_i = b.stream_f, b.stream_i, b.live_f, b.live_i, b.ray_i
+    f, g = b.stream_f, b.stream_i
+    columns = _Columns(f, g, b.live_f, b.live_i, b.ray_i)
     legs, key, row = number(0), number(-1), number(0)
     while True:
         # Find out where the first ray goes if it crosses
@@ -196,14 +220,13 @@ def _follow(
                 scene.face_i[face, F_KIND], scene.face_f, face, scene.pool, f, g, row, size
             )
             row = 1 - row
-        size = _keep_met(
-            scene.settle, f, g, live_f, live_i, ray_i, face, key, listed, target, nest, medium,
-            legs, row, size,
-        )  # fmt: skip
+        leg = _Leg(face, key, nest, medium, legs, row)
+        size = _keep_met(scene.settle, columns, leg, listed, target, size)
         if size < _FEW:
             break
+    leg = _Leg(face, key, nest, medium, legs, row)
     for j in range(size):
-        _put_back(f, g, live_f, live_i, ray_i, j, face, key, nest, medium, legs, row)
+        _put_back(columns, j, leg)
 
 
 @inner_kernel
@@ -241,10 +264,11 @@ def _cross_over(
 
     Returns how many go on, and whether along the main axis of the face.
     """
-    f, g, live_f, live_i, ray_i = b.stream_f, b.stream_i, b.live_f, b.live_i, b.ray_i
+    f, g = b.stream_f, b.stream_i
+    columns = _Columns(f, g, b.live_f, b.live_i, b.ray_i)
     for j in range(size - 1, -1, -1):
         if f[OUTCOME, j] == OTHER_SIDE:
-            _put_back(f, g, live_f, live_i, ray_i, j, face, key, nest, medium, legs, row)
+            _put_back(columns, j, _Leg(face, key, nest, medium, legs, row))
             size -= 1
             _fill(f, g, j, size, number(OUTCOME))
     if b.counters[COUNTING] == 0:
@@ -273,10 +297,11 @@ def _cross_over(
         along = 1 if f[axis, j] >= 0.0 else 0
         crosses = f[OUTCOME, j] == CROSSES
         if not crosses or along != sense:
-            _put_back(
-                f, g, live_f, live_i, ray_i, j, face, 2 * face + along, beyond if crosses else nest,
-                other if crosses else medium, legs + 1, row,
+            leg = _Leg(
+                face, 2 * face + along, beyond if crosses else nest, other if crosses else medium,
+                legs + 1, row,
             )  # fmt: skip
+            _put_back(columns, j, leg)
             size -= 1
             _fill(f, g, j, size, number(5))
     return size, sense
@@ -287,7 +312,7 @@ def _record(
     scene: Faces, b: Buffers, face: int, medium: int, other: int, size: int
 ) -> None:  # fmt: skip
     """Write a record for every ray of a stream."""
-    f, g, words, real, owners, exact = b.stream_f, b.stream_i, b.words, b.real, b.owners, b.exact
+    f, g, exact, columns = b.stream_f, b.stream_i, b.exact, RecordColumns(b.words, b.real, b.owners)
     obj, triangle = scene.face_i[face, F_OBJECT], scene.face_i[face, F_TRIANGLE]
     mark = scene.face_i[face, F_EVENT]
     crossed = mark | _REFRACTED | (_MEDIUM_CHANGED if other != medium else 0)
@@ -302,7 +327,7 @@ def _record(
         if outcome != CROSSES:
             event, inside = mark | (_REFLECTED if outcome == TURNS else _TIR), medium
         write_words(
-            words, real, owners, r + j, f[POINT, j], f[POINT + 1, j], f[POINT + 2, j],
+            columns, r + j, f[POINT, j], f[POINT + 1, j], f[POINT + 2, j],
             g[_PACKED, j], g[_PACKED + 1, j] | obj << 16, triangle, event, inside,
             g[STREAM_CODE, j], g[_RAY, j],
         )  # fmt: skip
@@ -337,50 +362,36 @@ def _start(f: F64, g: I64, face: int, size: int) -> None:
 
 
 @inner_kernel
-def _keep_met(
-    settle: I32, f: F64, g: I64, live_f: F64, live_i: I64, ray_i: I32, face: int, key: int,
-    listed: int, place: int, nest: int, medium: int, legs: int, row: Integer, size: int,
-) -> int:  # fmt: skip
-    """Keep the rays whose hit on ``face`` is settled, put back the others."""
+def _keep_met(settle: I32, columns: _Columns, leg: _Leg, listed: int, place: int, size: int) -> int:
+    """Keep the rays whose hit on the face is settled, put back the others."""
+    f, g, face = columns.f, columns.g, leg.face
     leaving = face + settle.shape[1] // 2
     near, far = settle[listed, face] <= place, settle[listed, leaving] <= place
     for j in range(size - 1, -1, -1):
-        hit = g[BUNDLE_CODE + row, j]
+        hit = g[BUNDLE_CODE + leg.row, j]
         if not ((hit == face and near) or (hit == leaving and far)):
-            _put_back(f, g, live_f, live_i, ray_i, j, face, key, nest, medium, legs, row)
+            _put_back(columns, j, leg)
             size -= 1
             _fill(f, g, j, size, number(DISTANCE + 1))
     return size
 
 
 @inner_kernel
-def _put_back(
-    f: F64,
-    g: I64,
-    live_f: F64,
-    live_i: I64,
-    ray_i: I32,
-    j: int,
-    face: int,
-    key: int,
-    nest: int,
-    medium: int,
-    legs: int,
-    row: Integer,
-) -> None:
+def _put_back(columns: _Columns, j: int, leg: _Leg) -> None:
     """Bring a ray up to date that is no longer followed.
 
-    A ray of which no record is written yet stands where it was: it is about to meet ``face``.
+    A ray of which no record is written yet stands where it was: it is about to meet the face.
     """
+    f, g, live_f, live_i = columns.f, columns.g, columns.live_f, columns.live_i
     i = unsigned(g[BUNDLE_SLOT, j])
-    if legs == 0:
-        live_f[T, i] = f[DISTANCE + row, j]
-        live_i[HIT, i] = face
+    if leg.legs == 0:
+        live_f[T, i] = f[DISTANCE + leg.row, j]
+        live_i[HIT, i] = leg.face
         return
     for k in range(6):
         live_f[k, i] = f[k, j]
-    live_i[OWN, i], live_i[KEY, i] = key >> 1, key
-    live_i[NEST, i], live_i[MEDIUM, i] = nest, medium
+    live_i[OWN, i], live_i[KEY, i] = leg.key >> 1, leg.key
+    live_i[NEST, i], live_i[MEDIUM, i] = leg.nest, leg.medium
     live_i[RNG, i], live_i[LAST, i] = g[STREAM_RNG, j], g[_LAST, j]
     live_i[HIT, i] = DONE
-    ray_i[N_RECORDS, unsigned(g[_RAY, j])] += legs
+    columns.ray_i[N_RECORDS, unsigned(g[_RAY, j])] += leg.legs

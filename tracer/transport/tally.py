@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,22 +121,27 @@ class Tally:
             self.records += portion.n_records if records is None else records
             self.emitted += portion.emitted
             before = self._emissions
+            rays = _Rays(
+                portion.source, portion.records_per_ray, portion.color_code, portion.color_table,
+                weights, emissions,
+            )  # fmt: skip
+            points = _Points(portion.event, portion.object, portion.medium)
+            places = _Brought(self._last_place, self._part_place)
             self._emissions = _add_endings(
-                portion.source, portion.records_per_ray, portion.event, portion.object,
-                portion.medium, portion.color_code, portion.color_table, weights, emissions,
-                self.blocking, self.group, self._worth, self.endings, self._taken,
-                self._last_place, self._part_place, before,
+                rays, points, self.blocking, self.group, self._worth, self.endings, self._taken,
+                places, before,
             )  # fmt: skip
             if len(portion.descriptors.detector):
-                _add_meetings(
-                    portion.source, portion.records_per_ray, portion.descriptor_count,
-                    portion.color_code, portion.color_table, weights, emissions,
-                    portion.descriptors.detector, portion.descriptors.cell,
-                    portion.descriptors.registered, self._cells, self._first, self.group,
-                    self._worth, self._sums, self._sums2, self._squares, self._touched,
-                    self._whole, self._last_cell, self._part_cell, self._last_place,
-                    self._part_place, before,
+                seen = _Seen(
+                    portion.descriptor_count, portion.descriptors.detector,
+                    portion.descriptors.cell, portion.descriptors.registered,
                 )  # fmt: skip
+                grids = _Grids(
+                    self._cells, self._first, self._sums, self._sums2, self._squares,
+                    self._touched, self._whole,
+                )  # fmt: skip
+                cells = _Brought(self._last_cell, self._part_cell)
+                _add_meetings(rays, seen, self.group, self._worth, grids, cells, places, before)
 
     # -- what was counted ------------------------------------------------------------------------
 
@@ -252,12 +257,60 @@ def _plain(value: Any) -> float:
     return int(value) if float(value).is_integer() else float(value)
 
 
+class _Rays(NamedTuple):
+    """What a portion says of its rays and their colours; no weights, emissions where all are 1."""
+
+    source: Any
+    records: Any
+    code: Any
+    colors: Any
+    weight: F64
+    emission: I64
+
+
+class _Points(NamedTuple):
+    """What happened at each record, and where."""
+
+    event: Any
+    object: Any
+    medium: Any
+
+
+class _Seen(NamedTuple):
+    """Descriptors of each record, and the columns of the descriptors."""
+
+    count: Any
+    detector: Any
+    cell: Any
+    registered: Any
+
+
+class _Grids(NamedTuple):
+    """The grids of all detectors one after the other, and the sums over them."""
+
+    cells: I64
+    first: I64
+    sums: F64
+    sums2: F64
+    squares: F64
+    touched: Any
+    whole: F64
+
+
+class _Brought(NamedTuple):
+    """By place, the last emission that brought light there, and how much."""
+
+    last: I64
+    part: F64
+
+
 @inner_kernel
 def _bring(
-    sums: F64, group: int, place: int, slot: int, last: I64, part: F64, number: int,
-    weight: float, worth: float,
+    sums: F64, group: int, place: int, slot: int, brought: _Brought, number: int, weight: float,
+    worth: float,
 ) -> None:  # fmt: skip
     """Add a weight to a place; the square is that of all that emission ``number`` brings there."""
+    last, part = brought.last, brought.part
     if last[slot] != number:
         last[slot] = number
         part[slot] = 0.0
@@ -282,88 +335,84 @@ def _worth_of(color_table: Any, code: Integer, worth: F64, source: int) -> float
 
 @lean_kernel
 def _add_endings(
-    source: Any, records_per_ray: Any, event: Any, obj: Any, medium: Any, color_code: Any,
-    color_table: Any, weights: F64, emissions: I64, blocking: I64, group: I64, worth: F64,
-    endings: F64, taken: F64, last: I64, part: F64, number: int,
+    rays: _Rays, points: _Points, blocking: I64, group: I64, worth: F64, endings: F64, taken: F64,
+    places: _Brought, number: int,
 ) -> int:  # fmt: skip
     """Add how the rays of a portion ended; the number of the last emission."""
+    emissions, weights = rays.emission, rays.weight
     n_classes, n_objects = endings.shape[2], len(blocking)
     r = -1
-    for ray in range(len(records_per_ray)):
-        r += records_per_ray[ray]
+    for ray in range(len(rays.records)):
+        r += rays.records[ray]
         if len(emissions) == 0 or ray == 0 or emissions[ray] != emissions[ray - 1]:
             number += 1
         weight = weights[ray] if len(weights) > 0 else 1.0
-        bits = event[r]
+        bits = points.event[r]
         place = -1
         if bits & _SURFACE != 0:
-            met = obj[r]
+            met = points.object[r]
             ending = _DETECTED if blocking[met] != 0 else _ABSORBED
             place = met
         elif bits & _LEAVING != 0:
             ending = _LEFT
         elif bits & _VOLUME != 0:
             ending = _ABSORBED
-            place = n_objects + medium[r]
+            place = n_objects + points.medium[r]
         elif bits & _STOP != 0:
             ending = _STOPPED
         else:
             ending = _ERRORS
-        s = source[ray]
-        y = _worth_of(color_table, np.int64(color_code[r]), worth, s)
-        _bring(endings, s, ending, ending, last, part, number, weight, y)
+        s = rays.source[ray]
+        y = _worth_of(rays.colors, np.int64(rays.code[r]), worth, s)
+        _bring(endings, s, ending, ending, places, number, weight, y)
         if place >= 0:
-            _bring(taken, group[s], place, n_classes + place, last, part, number, weight, y)
+            _bring(taken, group[s], place, n_classes + place, places, number, weight, y)
     return number
 
 
 @lean_kernel
 def _add_meetings(
-    source: Any, records_per_ray: Any, descriptor_count: Any, color_code: Any, color_table: Any,
-    weights: F64, emissions: I64, detector: Any, cell: Any, registered: Any, cells: I64,
-    first: I64, group: I64, worth: F64, sums: F64, sums2: F64, squares: F64, touched: Any,
-    whole: F64,
-    last_cell: I64, part_cell: F64, last: I64, part: F64, number: int,
+    rays: _Rays, seen: _Seen, group: I64, worth: F64, grids: _Grids, cells: _Brought,
+    places: _Brought, number: int,
 ) -> None:  # fmt: skip
     """Add what the detectors registered.
 
-    ``part_cell`` holds what emission ``last_cell`` has brought to a cell; both stay untouched until
-    an emission registers a second time.
+    ``cells`` stay untouched until an emission registers a second time.
     """
+    source, emissions, weights = rays.source, rays.emission, rays.weight
+    sums, sums2, squares, whole = grids.sums, grids.sums2, grids.squares, grids.whole
     n_channels = sums.shape[2]
-    beside = len(last) - whole.shape[2]
+    beside = len(places.last) - whole.shape[2]
     record = 0
     d = 0
     met, first_place, first_code, first_weight = 0, 0, 0, 0.0
-    for ray in range(len(records_per_ray)):
+    for ray in range(len(rays.records)):
         if len(emissions) == 0 or ray == 0 or emissions[ray] != emissions[ray - 1]:
             number += 1
             met = 0
         weight = weights[ray] if len(weights) > 0 else 1.0
         g = group[source[ray]]
-        for _ in range(records_per_ray[ray]):
-            for _ in range(descriptor_count[record]):
-                if registered[d]:
-                    seen = detector[d]
-                    code = np.int64(color_code[record])
-                    y = _worth_of(color_table, code, worth, source[ray])
-                    _bring(whole, g, seen, beside + seen, last, part, number, weight, y)
-                    place = first[seen]
-                    place += np.int64(cell[d, 1]) * cells[seen, 0] + np.int64(cell[d, 0])
-                    touched[place // _BLOCK] = 1
+        for _ in range(rays.records[ray]):
+            for _ in range(seen.count[record]):
+                if seen.registered[d]:
+                    detector = seen.detector[d]
+                    code = np.int64(rays.code[record])
+                    y = _worth_of(rays.colors, code, worth, source[ray])
+                    _bring(whole, g, detector, beside + detector, places, number, weight, y)
+                    place = grids.first[detector]
+                    column, line = np.int64(seen.cell[d, 0]), np.int64(seen.cell[d, 1])
+                    place += line * grids.cells[detector, 0] + column
+                    grids.touched[place // _BLOCK] = 1
                     met += 1
                     if met == 1:
                         first_place, first_code, first_weight = int(place), int(code), weight
                     elif met == 2:
-                        _keep(
-                            last_cell, part_cell, first_place, number, color_table, first_code,
-                            first_weight,
-                        )  # fmt: skip
-                    mixed = met > 1 and last_cell[place] == number
+                        _keep(cells, first_place, number, rays.colors, first_code, first_weight)
+                    mixed = met > 1 and cells.last[place] == number
                     before, added = 0.0, 0.0
                     for k in range(n_channels):
-                        value = _light(color_table, code, k, n_channels, weight)
-                        own = part_cell[place, k] if mixed else 0.0
+                        value = _light(rays.colors, code, k, n_channels, weight)
+                        own = cells.part[place, k] if mixed else 0.0
                         before += own * worth[source[ray], k]
                         added += value * worth[source[ray], k]
                         if value != 0.0:
@@ -371,7 +420,7 @@ def _add_meetings(
                             sums2[g, place, k] += value * (value + 2.0 * own)
                     squares[g, place] += added * (added + 2.0 * before)
                     if met > 1:
-                        _keep(last_cell, part_cell, place, number, color_table, code, weight)
+                        _keep(cells, place, number, rays.colors, code, weight)
                 d += 1
             record += 1
 
@@ -386,10 +435,10 @@ def _light(color_table: Any, code: Integer, k: int, n_channels: int, weight: flo
 
 @inner_kernel
 def _keep(
-    last_cell: I64, part_cell: F64, place: Integer, number: int, color_table: Any, code: Integer,
-    weight: float,
-) -> None:  # fmt: skip
+    cells: _Brought, place: Integer, number: int, color_table: Any, code: Integer, weight: float
+) -> None:
     """Note what an emission has brought to a cell."""
+    last_cell, part_cell = cells.last, cells.part
     if last_cell[place] != number:
         last_cell[place] = number
         for k in range(part_cell.shape[1]):

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.jit.kernels import kernel
-from tracer.rays.directions import about, turned
+from raymap.optics.angles import turned
+from tracer.rays.directions import about
 
 F64 = NDArray[np.float64]
 

@@ -11,10 +11,11 @@ import pytest
 from numpy.typing import NDArray
 
 from raymap.jit.kernels import kernel
+from raymap.laws import microfacet as laws
+from raymap.laws import microfacet_losses as losses
 from tests.naive.fresnel import fresnel_conductor
 from tests.tracer.chi2 import chi2_counts
 from tracer.optics import microfacet as mf
-from tracer.optics import microfacet_losses as losses
 
 pytestmark = pytest.mark.peers
 
@@ -68,8 +69,8 @@ def _glass(table, wi, alpha, n_i, n_o, u):  # type: ignore[no-untyped-def]
     out = np.empty((len(u), 4))
     for k in range(len(u)):
         out[k] = mf.sample_rough_dielectric(
-            table, 0, wi[0], wi[1], wi[2], alpha, n_i, n_o, u[k, 0], u[k, 1], u[k, 2], u[k, 3],
-            u[k, 4],
+            table, 0, wi[0], wi[1], wi[2], alpha, n_i, n_o,
+            (u[k, 0], u[k, 1], u[k, 2], u[k, 3], u[k, 4]),
         )  # fmt: skip
     return out
 
@@ -79,7 +80,7 @@ def _metal(table, wi, alpha, u):  # type: ignore[no-untyped-def]
     out = np.empty((len(u), 4))
     for k in range(len(u)):
         out[k] = mf.sample_rough_conductor(
-            table, 0, wi[0], wi[1], wi[2], alpha, u[k, 0], u[k, 1], u[k, 2], u[k, 3], u[k, 4]
+            table, 0, wi[0], wi[1], wi[2], alpha, (u[k, 0], u[k, 1], u[k, 2], u[k, 3], u[k, 4])
         )
     return out
 
@@ -168,7 +169,7 @@ def test_reflectance_at_the_facets_is_mitsubas() -> None:
             wo = (wo[0] * math.cos(2.0), wo[1] - wo[0], wo[2])
             length = math.sqrt(sum(v * v for v in wo))
             wo = (wo[0] / length, wo[1] / length, wo[2] / length)
-            single, _, cosine = mf.eval_rough_conductor(table, 0, *wi, *wo, alpha)
+            single, _, cosine = laws.eval_rough_conductor(table, 0, *wi, *wo, alpha)
             own = single * fresnel_conductor(1.0, 0.2, 3.4, cosine) * wo[2]
             expected = lobe(surface("metal", alpha), wi)(*wo)
             assert own == pytest.approx(expected, rel=1e-4, abs=1e-6)

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.jit.kernels import kernel
+from raymap.optics.angles import turned
 from raymap.optics.fresnel import fresnel_reflectance, refract
-from tracer.rays.directions import turned
 from tracer.rays.random import advance, uniform
 
 __all__ = ["rough_face", "sample_slope"]

@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from raymap.jit.kernels import inner_kernel, lean_kernel
 from raymap.model.errors import SceneError
 from raymap.optics.fresnel import fresnel_conductor, fresnel_reflectance
-from tracer.optics.ggx import Vector, ggx_masking, sample_ggx_normal
-from tracer.rays.directions import turned
+from raymap.optics.ggx import ggx_masking, sample_ggx_normal
 
 __all__ = [
     "LOBE",
@@ -32,9 +31,9 @@ __all__ = [
     "conductor_table",
     "dielectric_table",
     "index_node",
+    "lobe_integral",
     "loss",
     "multiple_reflectance",
-    "sample_lobe",
     "side_loss",
 ]
 
@@ -49,46 +48,7 @@ SMALLEST_ROUGHNESS = 1e-3
 
 
 @inner_kernel
-def sample_lobe(table: F64, first: int, u1: float, u2: float, sign: float) -> Vector:
-    """A direction with density proportional to the losses of a table times the cosine."""
-    # Find the interval of the cosine, then invert the cubic inside it
-    cumulative = first + NODES
-    low, high = 0, NODES - 1
-    while high - low > 1:
-        middle = (low + high) // 2
-        if table[cumulative + middle] <= u1:
-            low = middle
-        else:
-            high = middle
-    step = 1.0 / (NODES - 1)
-    left = low * step
-    a, b = table[first + low], (table[first + low + 1] - table[first + low]) / step
-    part = table[cumulative + low + 1] - table[cumulative + low]
-    share = (u1 - table[cumulative + low]) / part if part > 0.0 else 0.5
-    whole = _lobe_integral(a, b, left, step)
-    t = share * step
-    lower, upper = 0.0, step
-    for _ in range(20):
-        miss = _lobe_integral(a, b, left, t) - share * whole
-        if miss > 0.0:
-            upper = t
-        else:
-            lower = t
-        slope = (a + b * t) * (left + t)
-        guess = t - miss / slope if slope > 0.0 else 0.5 * (lower + upper)
-        if not lower <= guess <= upper:
-            guess = 0.5 * (lower + upper)
-        if abs(guess - t) < 1e-14:
-            break
-        t = guess
-    cosine = min(1.0, max(1e-9, left + t))
-    sine = math.sqrt(max(0.0, 1.0 - cosine * cosine))
-    along, across = turned(u2)
-    return sine * along, sine * across, sign * cosine
-
-
-@inner_kernel
-def _lobe_integral(a: float, b: float, left: float, t: float) -> float:
+def lobe_integral(a: float, b: float, left: float, t: float) -> float:
     """Integral of (a + b s) (left + s) for s from 0 to t."""
     return a * left * t + 0.5 * (a + b * left) * t * t + b * t * t * t / 3.0
 
@@ -173,7 +133,7 @@ def _fill_lobe(table: F64, first: int, alpha: float, ratio: float, steps: int) -
     table[first + NODES] = 0.0
     for k in range(NODES - 1):
         slope = (table[first + k + 1] - table[first + k]) / step
-        total += _lobe_integral(table[first + k], slope, k * step, step)
+        total += lobe_integral(table[first + k], slope, k * step, step)
         table[first + NODES + k + 1] = total
     table[first + 2 * NODES] = 2.0 * total
     for k in range(NODES):

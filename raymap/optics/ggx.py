@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 
 from raymap.jit.kernels import lean_kernel
-from tracer.rays.directions import turned
+from raymap.optics.angles import turned
 
 __all__ = ["Vector", "ggx_distribution", "ggx_masking", "sample_ggx_normal"]
 
