@@ -14,7 +14,7 @@ D. W. Berreman, J. Opt. Soc. Am. 62, 502 (1972); conventions of Born & Wolf, Pri
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from tracer.crystals.rows import (
 
 __all__ = [
     "WAVE",
+    "InterfaceScratch",
     "interface_batch",
     "interface_event",
     "interface_scratch",
@@ -42,10 +43,19 @@ fast, 3 extraordinary or slow."""
 Array = np.ndarray[Any, np.dtype[Any]]
 
 
-@kernel
-def interface_scratch() -> tuple[Array, Array, Array, Array]:
+class InterfaceScratch(NamedTuple):
     """Working arrays for one thread: matrices (real, complex), modes, and frame."""
-    return (
+
+    work: Array
+    cwork: Array
+    modes: Array
+    frame: Array
+
+
+@kernel
+def interface_scratch() -> InterfaceScratch:
+    """New working arrays."""
+    return InterfaceScratch(
         np.zeros((3, 4, 4), np.float64),
         np.zeros((2, 4, 5), np.complex128),
         np.zeros((4, MODE), np.complex128),
@@ -195,10 +205,7 @@ def interface_event(
     ny: float,
     nz: float,
     out: Array,
-    work: Array,
-    cwork: Array,
-    modes: Array,
-    frame: Array,
+    scratch: InterfaceScratch,
 ) -> float:
     """Reflect and refract one wave; returns its incident flux 2 Re(E_x* H_y - E_y* H_x).
 
@@ -209,8 +216,9 @@ def interface_event(
     field : (3,) complex128, its E
     nx, ny, nz : unit normal, pointing into medium 2
     out : (4, WAVE) float64; rows 0, 1 reflected, 2, 3 refracted
-    work, cwork, modes, frame : from `interface_scratch`
+    scratch : from `interface_scratch`
     """
+    work, cwork, modes, frame = scratch
     # Set up the frame and the incident tangential field
     xi = interface_frame(nx, ny, nz, px, py, pz, frame)
     q = px * nx + py * ny + pz * nz
@@ -350,7 +358,7 @@ def interface_batch(
     out : (n, 4, WAVE) float64
     flux : (n,) float64, incident flux through the interface
     """
-    work, cwork, modes, frame = interface_scratch()
+    scratch = interface_scratch()
     for i in range(first.shape[0]):
         flux[i] = interface_event(
             media[first[i]],
@@ -363,8 +371,5 @@ def interface_batch(
             normals[i, 1],
             normals[i, 2],
             out[i],
-            work,
-            cwork,
-            modes,
-            frame,
+            scratch,
         )

@@ -8,7 +8,7 @@ import numpy as np
 
 from raymap.jit.kernels import inner_kernel
 from raymap.optics.frames import frame_towards
-from tracer.crystals.modes import forward_modes, mirror_modes
+from tracer.crystals.modes import TurnedMedium, forward_modes, mirror_modes
 from tracer.crystals.rows import (
     AXIS,
     BIAXIAL,
@@ -88,20 +88,7 @@ def medium_modes(
             )
         tensor[4] *= sign
         tensor[5] *= sign
-    forward_modes(
-        kind,
-        tensor,
-        medium[EPS_ORDINARY],
-        medium[EPS_EXTRAORDINARY],
-        cx,
-        cy,
-        cz,
-        xi,
-        sign * hint,
-        modes,
-        k,
-        work,
-        cwork,
-    )
+    turned = TurnedMedium(kind, tensor, medium[EPS_ORDINARY], medium[EPS_EXTRAORDINARY], cx, cy, cz)
+    forward_modes(turned, xi, sign * hint, modes, k, work, cwork)
     if sign < 0.0:
         mirror_modes(modes, k)

@@ -19,7 +19,7 @@ D. W. Berreman, J. Opt. Soc. Am. 62, 502 (1972); P. Yeh, J. Opt. Soc. Am. 69, 74
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,7 +27,14 @@ from raymap.jit.kernels import inner_kernel
 from tracer.crystals.biaxial_modes import biaxial_forward_modes
 from tracer.crystals.rows import BIAXIAL, ISOTROPIC
 
-__all__ = ["MODE", "complete_mode", "forward_modes", "mirror_modes", "orthogonalise_pair"]
+__all__ = [
+    "MODE",
+    "TurnedMedium",
+    "complete_mode",
+    "forward_modes",
+    "mirror_modes",
+    "orthogonalise_pair",
+]
 
 MODE = 7
 """Columns of a mode: Psi (4), E_z, q, and 1 for a propagating or 0 for an evanescent wave."""
@@ -257,15 +264,27 @@ def mirror_modes(modes: Array, k: int) -> None:
         modes[j, 5] = -modes[j, 5]
 
 
+class TurnedMedium(NamedTuple):
+    """A medium in the frame of an interface.
+
+    kind : ISOTROPIC, UNIAXIAL or BIAXIAL
+    tensor : (6,) e11, e22, e33, e12, e13, e23
+    eo, ee : n_o^2 and n_e^2 (uniaxial), n^2 in ``eo`` (isotropic)
+    cx, cy, cz : optic axis (uniaxial)
+    """
+
+    kind: int
+    tensor: Array
+    eo: float
+    ee: float
+    cx: float
+    cy: float
+    cz: float
+
+
 @inner_kernel
 def forward_modes(
-    kind: int,
-    frame: Array,
-    eo: float,
-    ee: float,
-    cx: float,
-    cy: float,
-    cz: float,
+    medium: TurnedMedium,
     xi: float,
     hint: float,
     modes: Array,
@@ -277,10 +296,6 @@ def forward_modes(
 
     Parameters
     ----------
-    kind : ISOTROPIC, UNIAXIAL or BIAXIAL
-    frame : (6,) e11, e22, e33, e12, e13, e23 in the interface frame
-    eo, ee : n_o^2 and n_e^2 (uniaxial), n^2 in ``eo`` (isotropic)
-    cx, cy, cz : optic axis in the interface frame (uniaxial)
     xi : tangential component of the refraction vector
     hint : q of a known backward wave at grazing incidence, else nan; its forward partner is then
         computed from it instead of from a difference of nearly equal squares
@@ -288,6 +303,7 @@ def forward_modes(
 
     Order: s, p; ordinary, extraordinary; fast (smaller q), slow.
     """
+    kind, frame, eo, ee, cx, cy, cz = medium
     if kind == ISOTROPIC:
         _isotropic(eo, xi, hint, modes, k)
         return

@@ -8,7 +8,7 @@ the world between them. On a binormal of a biaxial crystal one ray of the cone i
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,14 +16,14 @@ from raymap.jit.kernels import inner_kernel, kernel
 from raymap.model.events import Event
 from raymap.optics.angles import turned
 from tracer.crystals.bodies import BodyArrays
-from tracer.crystals.interface import interface_event
+from tracer.crystals.interface import InterfaceScratch, interface_event
 from tracer.crystals.rows import BIAXIAL, EPS, EPS_ORDINARY, ISOTROPIC, KIND
 from tracer.crystals.tree import body_behind, next_boundary, tree_scratch
 from tracer.crystals.waves import ray_absorption
 from tracer.rays.directions import sine_of
 from tracer.rays.random import advance, stream_state, uniform
 
-__all__ = ["DETECTOR_ROW", "SOURCE_ROW", "trace_paths"]
+__all__ = ["DETECTOR_ROW", "SOURCE_ROW", "CompiledCrystals", "trace_paths"]
 
 Array = np.ndarray[Any, np.dtype[Any]]
 
@@ -187,18 +187,31 @@ def _meet_plane(s: Array, p: Array, d: Array) -> tuple[float, float, float, floa
     return t, u, v, -slope
 
 
+class CompiledCrystals(NamedTuple):
+    """A scene of crystals as tables.
+
+    media : (n_channels, n_bodies + 1, ROW), the world last
+    body_medium : (n_bodies,) medium numbers of the map, 0 = world
+    k0 : (n_channels,) 2 pi / wavelength [1/mm]
+    sources : (n, SOURCE_ROW);  detectors : (n, DETECTOR_ROW), with blocking, cells, object number
+    sphere : (4,) centre and radius
+    """
+
+    bodies: BodyArrays
+    media: Array
+    body_medium: Array
+    k0: Array
+    sources: Array
+    detectors: Array
+    blocking: Array
+    cells: Array
+    detector_object: Array
+    sphere: Array
+
+
 @kernel
 def trace_paths(
-    bodies: BodyArrays,
-    media: Array,
-    body_medium: Array,
-    k0: Array,
-    sources: Array,
-    detectors: Array,
-    blocking: Array,
-    cells: Array,
-    detector_object: Array,
-    sphere: Array,
+    scene: CompiledCrystals,
     seed: int,
     first_ray: int,
     n_rays: int,
@@ -212,10 +225,6 @@ def trace_paths(
 
     Parameters
     ----------
-    media : (n_channels, n_bodies + 1, ROW), the world last
-    body_medium : (n_bodies,) medium numbers of the map, 0 = world
-    k0 : (n_channels,) 2 pi / wavelength [1/mm]
-    sources : (n, SOURCE_ROW);  detectors : (n, DETECTOR_ROW), with blocking, cells, object number
     depth : most records of a ray after its first
     counts : (n_rays,) records per ray
     reals : (n_records, 6) position and normal;  words : (n_records, 6) object, triangle, event,
@@ -227,8 +236,11 @@ def trace_paths(
     -------
     numbers of records and meetings; -1 where an array was too small
     """
+    bodies, media, body_medium, k0 = scene.bodies, scene.media, scene.body_medium, scene.k0
+    sources, detectors, blocking = scene.sources, scene.detectors, scene.blocking
+    cells, detector_object, sphere = scene.cells, scene.detector_object, scene.sphere
     scratch = tree_scratch(2)
-    work, cwork, modes, frame = scratch[0], scratch[1], scratch[2], scratch[3]
+    at_interface = InterfaceScratch(scratch[0], scratch[1], scratch[2], scratch[3])
     out = scratch[4][0]
     field = scratch[8]
     stack = scratch[9]
@@ -330,7 +342,7 @@ def trace_paths(
             row_2 = media[channel, behind] if behind >= 0 else media[channel, world]
             interface_event(
                 row_1, row_2, big_n[0], big_n[1], big_n[2], field, flip * nx, flip * ny, flip * nz,
-                out, work, cwork, modes, frame,
+                out, at_interface,
             )  # fmt: skip
             state = advance(state)
             draw = uniform(state) * (out[0, 12] + out[1, 12] + out[2, 12] + out[3, 12])

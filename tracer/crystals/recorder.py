@@ -257,7 +257,7 @@ class CrystalTracer:
         )
 
     def portion(self, first_ray: int, n_rays: int) -> Portion:
-        from tracer.crystals.paths import trace_paths
+        from tracer.crystals.paths import CompiledCrystals, trace_paths
 
         depth = self.scene.depth
         per_ray = 8
@@ -268,7 +268,15 @@ class CrystalTracer:
             reals, words = np.zeros((records, 6)), np.zeros((records, 6), np.int64)
             meetings = np.zeros((seen, 7), np.int64)
             r, m = trace_paths(
-                *self.tables, self.seed, first_ray, n_rays, depth, counts, reals, words, meetings
+                CompiledCrystals(*self.tables),
+                self.seed,
+                first_ray,
+                n_rays,
+                depth,
+                counts,
+                reals,
+                words,
+                meetings,
             )
             if r >= 0:
                 break

@@ -16,10 +16,11 @@ import numpy as np
 
 from raymap.jit.kernels import inner_kernel, kernel, lean_kernel
 from tracer.crystals.bodies import BodyArrays
-from tracer.crystals.interface import WAVE, interface_event
+from tracer.crystals.interface import WAVE, InterfaceScratch, interface_event
 from tracer.crystals.rows import ISOTROPIC, KIND
 from tracer.crystals.triangle_tree import first_triangle
 from tracer.crystals.waves import ray_absorption
+from tracer.geometry.mesh_triangles import Line
 
 __all__ = [
     "EXIT",
@@ -152,12 +153,7 @@ def next_boundary(
                 bodies.tree_boxes,
                 bodies.tree_links,
                 bodies.triangles,
-                p[0],
-                p[1],
-                p[2],
-                dx,
-                dy,
-                dz,
+                Line(p[0], p[1], p[2], dx, dy, dz),
                 inside >= 0,
                 1e-4 * bodies.nudge,
                 stack,
@@ -265,6 +261,7 @@ def grow_tree(
     number of exits, and the shares pruned, truncated, absorbed
     """
     work, cwork, modes, frame, out, nodes, heap, free, field, stack, child = scratch
+    at_interface = InterfaceScratch(work, cwork, modes, frame)
     capacity = heap.shape[0]
     world = media.shape[0] - 1
     n_exits = 0
@@ -356,9 +353,7 @@ def grow_tree(
         for k in range(passes):
             if k == 1:
                 field[0], field[1], field[2] = tx + 0.0j, ty + 0.0j, tz + 0.0j
-            interface_event(
-                row_1, row_2, n1x, n1y, n1z, field, nx, ny, nz, out[k], work, cwork, modes, frame
-            )
+            interface_event(row_1, row_2, n1x, n1y, n1z, field, nx, ny, nz, out[k], at_interface)
         used -= 1
         free[used] = slot
 

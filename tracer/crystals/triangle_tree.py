@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.jit.kernels import inner_kernel
+from tracer.geometry.mesh_triangles import Line
 
 __all__ = ["TriangleTree", "build_triangle_tree", "first_triangle"]
 
@@ -75,12 +76,7 @@ def first_triangle(
     boxes: Array,
     links: Array,
     triangles: Array,
-    px: float,
-    py: float,
-    pz: float,
-    dx: float,
-    dy: float,
-    dz: float,
+    line: Line,
     outward: bool,
     t_min: float,
     stack: Array,
@@ -89,6 +85,7 @@ def first_triangle(
 
     inf and -1 for none. ``stack`` is (64,) int64 scratch.
     """
+    px, py, pz, dx, dy, dz = line
     best = np.inf
     found = -1
     ix = 1.0 / dx

@@ -22,7 +22,7 @@ from raymap.optics.frames import transverse_axes
 from tracer.lens.errors import LensError
 from tracer.lens.forward import plain, run_chunks, trace_lens
 from tracer.lens.lens import Lens
-from tracer.lens.reversed_light import send_back
+from tracer.lens.reversed_light import ArrivingLight, Chain, send_back
 from tracer.lens.tree import Exits, LensTree
 from tracer.optics.polarization_rays import PolarizationError, PolarizedRays, require_transverse
 
@@ -153,15 +153,15 @@ def answer(
     field = np.zeros((n, 3), np.complex128)
     turns = np.zeros(n, np.int64)
     path = arriving.optical_path.copy()
-    light = plain(arriving.field)
+    light = ArrivingLight(root, level, plain(arriving.field), path, field, turns)
     deepest = int(level.max(initial=1))
     lost: list[int] = []
 
     def run(start: int, stop: int) -> None:
+        chain = Chain(np.empty((deepest, 3)), np.empty((deepest + 1, 3)), np.empty(deepest))
         row = send_back(
-            tree.lens.shape, tree.media, mode == "published", path_to_origin, root, level,
-            light, path, field, turns, np.empty((deepest, 3)), np.empty((deepest + 1, 3)),
-            np.empty(deepest), start, stop,
+            tree.lens.shape, tree.media, mode == "published", path_to_origin, light, chain, start,
+            stop,
         )  # fmt: skip
         if row >= 0:
             lost.append(row)

@@ -22,7 +22,7 @@ from tracer.lens.arrays import (
 )
 from tracer.lens.hits import cap_normal, enter, inner_hit, unit
 from tracer.lens.shape import BACK, RIM, LensShape
-from tracer.optics.polarization_fresnel import split_field
+from tracer.optics.polarization_fresnel import Wave, split_field
 
 __all__ = ["PUBLISHED_RULES", "grow_polarized"]
 
@@ -72,11 +72,11 @@ def _meet(
 
 @inner_kernel
 def _leave(
-    nodes: NodeArrays, frame: NDArray[np.float64], ray: int, level: int,
-    ax: float, ay: float, az: float, bx: float, by: float, bz: float,
-    dx: float, dy: float, dz: float, flux: float, path: float, tube: float, half_waves: int,
+    nodes: NodeArrays, frame: NDArray[np.float64], ray: int, level: int, wave: Wave, flux: float,
+    path: float, tube: float, half_waves: int,
 ) -> None:  # fmt: skip
     """Write the exit of a node."""
+    ax, ay, az, bx, by, bz, dx, dy, dz = wave
     wx, wy, wz = to_world(frame, dx, dy, dz)
     nodes.direction[ray, level, 0] = wx
     nodes.direction[ray, level, 1] = wy
@@ -164,7 +164,7 @@ def _grow_one(
             rcx, rcy, rcz, rdx, rdy, rdz, ux, uy, uz,
             tax, tay, taz, tbx, tby, tbz, vx, vy, vz, factor, jumped,
         ) = split_field(
-            ax, ay, az, bx, by, bz, dx, dy, dz, nx, ny, nz, n1, n2, published
+            Wave(ax, ay, az, bx, by, bz, dx, dy, dz), nx, ny, nz, n1, n2, published
         )  # fmt: skip
 
         # What leaves: at the first level the reflected ray, then the refracted one
@@ -174,10 +174,9 @@ def _grow_one(
             if not options.keep_backward and ux * inx + uy * iny + uz * inz < 0.0:
                 keep = False
             if keep:
-                _leave(
-                    nodes, frame, ray, level, rcx, rcy, rcz, rdx, rdy, rdz, ux, uy, uz,
-                    out_flux, path, 1.0, 1 if jumped else 0,
-                )  # fmt: skip
+                wave = Wave(rcx, rcy, rcz, rdx, rdy, rdz, ux, uy, uz)
+                turns = 1 if jumped else 0
+                _leave(nodes, frame, ray, level, wave, out_flux, path, 1.0, turns)
             ax, ay, az, bx, by, bz, dx, dy, dz = tax, tay, taz, tbx, tby, tbz, vx, vy, vz
             tube = factor
             n1, n2 = n_glass, n_out
@@ -187,10 +186,8 @@ def _grow_one(
             if not options.keep_backward and vx * inx + vy * iny + vz * inz < 0.0:
                 keep = False
             if keep:
-                _leave(
-                    nodes, frame, ray, level, tax, tay, taz, tbx, tby, tbz, vx, vy, vz,
-                    out_flux, path, tube * factor, half_waves,
-                )  # fmt: skip
+                wave = Wave(tax, tay, taz, tbx, tby, tbz, vx, vy, vz)
+                _leave(nodes, frame, ray, level, wave, out_flux, path, tube * factor, half_waves)
             ax, ay, az, bx, by, bz, dx, dy, dz = rcx, rcy, rcz, rdx, rdy, rdz, ux, uy, uz
             half_waves += 1 if jumped else 0
         if not keep:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +13,9 @@ from raymap.optics.fresnel import reflect, refract
 from tracer.lens.arrays import RayArrays, starting_distance, to_lens, to_world
 from tracer.lens.hits import cap_normal, enter, inner_hit, unit
 from tracer.lens.shape import BACK, RIM, LensShape
-from tracer.optics.polarization_fresnel import split_field
+from tracer.optics.polarization_fresnel import Wave, split_field
 
-__all__ = ["send_back"]
+__all__ = ["ArrivingLight", "Chain", "send_back"]
 
 Real = NDArray[np.float64]
 
@@ -77,19 +78,43 @@ def _chain(
     return True
 
 
+class ArrivingLight(NamedTuple):
+    """Light that arrives at exits of trees, a row each.
+
+    root, level, field : ray of the tree, level of the exit, (n, 3) field that arrives
+    path : optical path, to which the way through the lens is added
+    sent, half_waves : (n, 3) field at the root and its half waves, written
+    """
+
+    root: NDArray[np.int64]
+    level: NDArray[np.int64]
+    field: NDArray[np.complex128]
+    path: Real
+    sent: NDArray[np.complex128]
+    half_waves: NDArray[np.int64]
+
+
+class Chain(NamedTuple):
+    """Normals, directions and lengths along one way through the lens, down to its level."""
+
+    normals: Real
+    directions: Real
+    lengths: Real
+
+
 @lean_kernel
 def send_back(
-    shape: LensShape, rays: RayArrays, published: bool, to_origin: bool,
-    root: NDArray[np.int64], levels: NDArray[np.int64], arriving: NDArray[np.complex128],
-    path: Real, field: NDArray[np.complex128], half_waves: NDArray[np.int64],
-    normals: Real, directions: Real, lengths: Real, start: int, stop: int,
+    shape: LensShape, rays: RayArrays, published: bool, to_origin: bool, light: ArrivingLight,
+    chain: Chain, start: int, stop: int,
 ) -> int:  # fmt: skip
     """Carry arriving light through the lens to the roots of its trees.
 
-    Fills ``field`` and ``half_waves`` and adds to ``path`` in rows start .. stop. ``normals``,
-    ``directions`` and ``lengths`` are scratch for the deepest level. Returns the first row whose
-    tree has no such exit, or -1.
+    Fills fields and half waves and adds to paths in rows start .. stop. ``chain`` is scratch.
+    Returns the first row whose tree has no such exit, or -1.
     """
+    root, levels, arriving = light.root, light.level, light.field
+    path, field, half_waves = light.path, light.sent, light.half_waves
+    normals, directions, lengths = chain
     frame = rays.frame
     for row in range(start, stop):
         ray, level = root[row], levels[row]
@@ -120,9 +145,8 @@ def send_back(
             if last:
                 n1, n2 = n_out, n_glass
             # Columns 0 .. 5 hold the reflected field, 9 .. 14 the refracted one
-            parts = split_field(
-                ax, ay, az, bx, by, bz, dx, dy, dz, nx, ny, nz, n1, n2, published
-            )  # fmt: skip
+            wave = Wave(ax, ay, az, bx, by, bz, dx, dy, dz)
+            parts = split_field(wave, nx, ny, nz, n1, n2, published)
             if first != last:
                 ax, ay, az, bx, by, bz = (
                     parts[9], parts[10], parts[11], parts[12], parts[13], parts[14]

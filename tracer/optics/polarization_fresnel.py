@@ -16,12 +16,13 @@ The published phase rules: V. A. Debelov, D. S. Kushner, a lens module for linea
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from raymap.jit.kernels import kernel
 from raymap.optics.frames import s_vector
 from raymap.optics.fresnel import dielectric_amplitudes
 
-__all__ = ["published_amplitudes", "split_field"]
+__all__ = ["Wave", "published_amplitudes", "split_field"]
 
 
 @kernel
@@ -39,11 +40,23 @@ def published_amplitudes(
     return complex(-abs(r_s)), complex(modulus if turned else -modulus)
 
 
+class Wave(NamedTuple):
+    """Field a + i b of a ray, perpendicular to its direction d."""
+
+    ax: float
+    ay: float
+    az: float
+    bx: float
+    by: float
+    bz: float
+    dx: float
+    dy: float
+    dz: float
+
+
 @kernel
 def split_field(
-    ax: float, ay: float, az: float, bx: float, by: float, bz: float,
-    dx: float, dy: float, dz: float, nx: float, ny: float, nz: float,
-    n1: float, n2: float, published: bool,
+    wave: Wave, nx: float, ny: float, nz: float, n1: float, n2: float, published: bool
 ) -> tuple[
     float, float, float, float, float, float, float, float, float,
     float, float, float, float, float, float, float, float, float,
@@ -56,8 +69,7 @@ def split_field(
 
     Parameters
     ----------
-    ax, ay, az, bx, by, bz : field a + i b of the incident ray, perpendicular to d
-    dx, dy, dz : its direction
+    wave : incident
     nx, ny, nz : unit normal, d . n < 0
     n1, n2 : refractive indices before and behind
     published : signs of reflection by the published rules instead of Fresnel's equations
@@ -68,6 +80,7 @@ def split_field(
     factor (n2 cos t) / (n1 cos i), which is 0 at total reflection, and whether the reflected
     vibration stands against the one that a reflection without jumps would give (a half wave)
     """
+    ax, ay, az, bx, by, bz, dx, dy, dz = wave
     cos_i = -(dx * nx + dy * ny + dz * nz)
     r_s, r_p, t_s, t_p, cos_t = dielectric_amplitudes(n1, n2, cos_i)
     if published:

@@ -223,8 +223,9 @@ def _walk(
                 waves[0, 2] = scale * (bz - along * oz)
         elif not last and event & (_REFLECTED | _REFRACTED) != 0:
             weight_here, nest = _specular(
-                scene, rays, special, waves, k, event, nest, x, y, z, dx, dy, dz, ox, oy, oz
-            )
+                scene, rays, special, waves, k, event, nest,
+                _Bend(x, y, z, dx, dy, dz, ox, oy, oz),
+            )  # fmt: skip
             weight *= weight_here
         elif not last and event & _SCATTERED != 0:
             state = advance(state)
@@ -324,13 +325,27 @@ def _through(
     return behind if behind >= 0 else nest
 
 
+class _Bend(NamedTuple):
+    """A point at which light turns, its direction d before and o after it."""
+
+    x: float
+    y: float
+    z: float
+    dx: float
+    dy: float
+    dz: float
+    ox: float
+    oy: float
+    oz: float
+
+
 @inner_kernel
 def _specular(
     scene: CompiledScene, rays: RayColumns, special: SpecialFaces, waves: F64, k: int, event: int,
-    nest: int, x: float, y: float, z: float, dx: float, dy: float, dz: float, ox: float,
-    oy: float, oz: float,
+    nest: int, bend: _Bend,
 ) -> tuple[float, int]:  # fmt: skip
     """Reflect or refract the fields at a record; factor of the weight, and the nest behind."""
+    x, y, z, dx, dy, dz, ox, oy, oz = bend
     face = _face_of(special, rays, k)
     nx, ny, nz = _normal_at(scene, rays, face, k, x, y, z)
     cosine = dx * nx + dy * ny + dz * nz

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from raymap.jit.kernels import inner_kernel
 from raymap.jit.types import F64
 from raymap.optics.frames import s_vector
-from tracer.optics.polarization_fresnel import split_field
+from tracer.optics.polarization_fresnel import Wave, split_field
 
 __all__ = [
     "normalise_waves",
@@ -88,10 +88,11 @@ def split_waves(
     """Replace the fields by the reflected (first = 0) or refracted (9) ones; their power."""
     power = 0.0
     for k in range(2):
-        parts = split_field(
+        wave = Wave(
             waves[k, 0], waves[k, 1], waves[k, 2], waves[k, 3], waves[k, 4], waves[k, 5],
-            dx, dy, dz, nx, ny, nz, n1, n2, False,
+            dx, dy, dz,
         )  # fmt: skip
+        parts = split_field(wave, nx, ny, nz, n1, n2, False)
         if first == 0:
             waves[k, 0], waves[k, 1], waves[k, 2] = parts[0], parts[1], parts[2]
             waves[k, 3], waves[k, 4], waves[k, 5] = parts[3], parts[4], parts[5]

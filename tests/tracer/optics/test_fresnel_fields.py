@@ -20,7 +20,7 @@ from raymap.optics.fresnel import (
     fresnel_reflectance,
     schlick_reflectance,
 )
-from tracer.optics.polarization_fresnel import published_amplitudes, split_field
+from tracer.optics.polarization_fresnel import Wave, published_amplitudes, split_field
 
 BREWSTER = math.degrees(math.atan(1.5))
 
@@ -120,7 +120,9 @@ def test_published_rules_depend_on_the_choice_of_s_at_normal_incidence(
             # An incidence just off normal fixes s; turn the plane of incidence by 90°
             d = np.array([math.cos(tilt), math.sin(tilt), 0.0]) * 1e-7 + [0.0, 0.0, 1.0]
             d /= np.linalg.norm(d)
-            parts = split_field(1.0, 0.0, -d[0], 0.0, 0.0, 0.0, *d, 0, 0, -1.0, n1, n2, published)
+            parts = split_field(
+                Wave(1.0, 0.0, -d[0], 0.0, 0.0, 0.0, *d), 0, 0, -1.0, n1, n2, published
+            )
             signs.append(parts[0])
         return signs
 
@@ -155,7 +157,7 @@ def test_split_conserves_flux_and_stays_transverse(
     incidence: tuple[np.ndarray, np.ndarray, np.ndarray], n1: float, n2: float, published: bool
 ) -> None:
     d, n, e = incidence
-    p = np.array(split_field(*e.real, *e.imag, *d, *n, n1, n2, published)[:18])
+    p = np.array(split_field(Wave(*e.real, *e.imag, *d), *n, n1, n2, published)[:18])
     reflected, refracted = p[0:3] + 1j * p[3:6], p[9:12] + 1j * p[12:15]
     total = np.sum(np.abs(reflected) ** 2) + np.sum(np.abs(refracted) ** 2)
     assert total == pytest.approx(np.sum(np.abs(e) ** 2), rel=1e-13)
