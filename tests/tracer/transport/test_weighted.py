@@ -149,6 +149,9 @@ def test_interfaces_pass_the_same_light(mode: str) -> None:
 
 SCATTERERS = {
     "lambertian": 'kind = "lambertian"\nreflectance = 0.2\ntransmittance = 0.3',
+    "colored sheet": 'kind = "lambertian"\nreflectance = { rgb = [0.3, 0.1, 0.05] }\n'
+    "transmittance = { rgb = [0.05, 0.4, 0.6] }",
+    "beads": 'kind = "retroreflector"\nreflectance = { rgb = [0.3, 0.6, 0.9] }\nspread_deg = 30',
     "rough glass": 'kind = "rough_dielectric"\nroughness = 0.4',
     "rough metal": 'kind = "rough_mirror"\nroughness = 0.3\nmetal = { n = 0.2, k = 3.4 }',
     "mirror with scatter": 'kind = "mirror"\nreflectance = 0.9\n'
@@ -201,7 +204,9 @@ blocking = true
 @pytest.mark.parametrize(
     "surface",
     [
-        pytest.param(name, marks=[] if name == "lambertian" else [pytest.mark.slow])
+        pytest.param(
+            name, marks=[] if name in ("lambertian", "colored sheet") else [pytest.mark.slow]
+        )
         for name in SCATTERERS
     ],
 )
