@@ -48,6 +48,10 @@ _KERNELS = {
     # Laws of surfaces and media
     "frames._fill_axes": ("Law", {"frames.transverse_axes"}),
     "fresnel._fill_reflectance": ("Law", {"fresnel.reflectance_column"}),
+    "microfacet_losses._fill_lobe": (
+        "Law",
+        {"microfacet_losses.conductor_table", "microfacet_losses.dielectric_table"},
+    ),
     "phase.eval_phase": (
         "Law",
         {

@@ -11,6 +11,7 @@ from pathlib import Path
 from tests.viewer.test_picture import SCENES
 
 import raymap
+from tests.viewer.paint.test_picture import SCENES
 from tests.viewer.small_map import write_map
 from viewer import picture
 
