@@ -83,7 +83,7 @@ def rebuild_normals(
         np.zeros((n_sources, 3), np.int16),
         np.zeros((shapes.n_remembered, 3), np.int16),
         position,
-        *folded,
+        folded,
         normal,
     )
     return normal
@@ -441,12 +441,11 @@ def _decode_normals(
     emission: NDArray[np.int16],
     remembered: NDArray[np.int16],
     position: NDArray[np.float32],
-    x: NDArray[np.uint16],
-    y: NDArray[np.uint16],
-    z: NDArray[np.uint16],
+    folded: Folded,
     normal: NDArray[np.int16],
 ) -> None:
     """The inverse of `normal_residuals`; triangles may be (0,) where no code needs them."""
+    x, y, z = folded
     for ray in range(sources.size):
         for i in range(record_offsets[ray], record_offsets[ray + 1]):
             code = codes[i]
