@@ -92,7 +92,7 @@ def end_faint_ray(
     return thin_out(rare, event, weight, state)
 
 
-@inner_kernel
+@inline_kernel
 def _meet_weighted(
     rare: RareLight, twins: Twins | None, ray: WeightedRay, optics: Optics, tables: F64 | None,
     at: Interface, way: Way, light: Light,

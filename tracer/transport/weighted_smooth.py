@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from raymap.jit.kernels import inner_kernel
+from raymap.jit.kernels import inline_kernel
 from raymap.jit.types import F64
 from raymap.optics.fresnel import cos2_refracted
 from tracer.compiled import R_LEAST, RareLight
@@ -41,12 +41,15 @@ _TOTAL = 1.0 - 1e-9
 """A reflectance of all channels that is summed up to this is total but for rounding."""
 
 
-@inner_kernel
+@inline_kernel
 def meet_smooth(
     rare: RareLight, twins: Twins | None, ray: WeightedRay, optics: Optics, tables: F64 | None,
     at: Interface, way: Way, light: Light,
 ) -> Weighted:  # fmt: skip
-    """Smooth interface: reflection with at least the set probability, or both parts."""
+    """Smooth interface: reflection with at least the set probability, or both parts.
+
+    Part of the loop over rays: handing over all arrays took longer than what is done with them.
+    """
     code, colors, counters, weight = light.code, light.colors, light.counters, ray.weight
     n_channels = colors.shape[1]
     select = code >= n_channels and changes_by_channel(optics, at)
