@@ -8,8 +8,6 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from tests.viewer.test_picture import SCENES
-
 import raymap
 from tests.viewer.paint.test_picture import SCENES
 from tests.viewer.small_map import write_map
