@@ -267,13 +267,8 @@ class Reweighting:
         class_of = np.full(len(read.paths.event), NONE, np.int32)
         chosen = wanted[own]
         class_of[points[chosen]] = own[chosen]
-        records, rays = _records_of(points[chosen], read.paths, read.numbers, read.offsets)
-        ray_points = read.paths.offsets[read.numbers[rays]] + records - read.offsets[rays]
-        classes = class_of[ray_points]
-        order = np.argsort(classes, kind="stable")
-        records, rays, classes = records[order], rays[order], classes[order]
-        ends = np.searchsorted(classes, np.arange(len(kinds) + 1))
-        faces = np.array([kind.face for kind in kinds], np.int64)[classes]
+        records, rays, ends = _records_of(class_of, len(kinds), read)
+        faces = np.repeat([kind.face for kind in kinds], np.diff(ends))
         normal = read.portion.normals_at(records, faces, read.position)
         for number, kind in enumerate(kinds):
             part = slice(int(ends[number]), int(ends[number + 1]))
@@ -433,38 +428,50 @@ def _fill_phases(row: F64, table: F64, cosine: F64, found: F64) -> None:
         found[i] = eval_phase(row, table, cosine[i])
 
 
-def _records_of(
-    points: I64, paths: PathDictionary, numbers: Any, record_offsets: I64
-) -> tuple[I64, I64]:
-    """Records of all rays at these points of their paths, and their rays."""
-    if not np.array_equal(np.diff(paths.offsets)[numbers], np.diff(record_offsets)):
+def _records_of(class_of: NDArray[np.int32], n_classes: int, read: _Read) -> tuple[I64, I64, I64]:
+    """Records and rays of all points of a class, class after class.
+
+    Parameters
+    ----------
+    class_of : (n_points,) class of each point of the paths, -1 none
+
+    Returns
+    -------
+    records, rays : (n,); ends : (n_classes + 1,) where each class begins in them
+    """
+    paths = read.paths
+    if not np.array_equal(np.diff(paths.offsets)[read.numbers], np.diff(read.offsets)):
         raise FormatError("paths of rays do not account for their records")
-    chosen = np.zeros(int(paths.offsets[-1]), np.bool_)
-    chosen[points] = True
-    starts = np.concatenate(([0], np.cumsum(chosen)))
-    per_path = np.diff(starts[paths.offsets])
-    total = int(per_path[numbers].sum())
-    records, rays = np.empty(total, np.int64), np.empty(total, np.int64)
-    _fill_records(numbers, paths.offsets, record_offsets, chosen, per_path, records, rays)
-    return records, rays
+    rays_of = np.bincount(read.numbers, minlength=paths.n_paths)
+    taken = np.repeat(rays_of, np.diff(paths.offsets))
+    here = class_of >= 0
+    counts = np.bincount(class_of[here], taken[here], n_classes).astype(np.int64)
+    ends = np.concatenate(([0], np.cumsum(counts)))
+    asked = np.concatenate(([0], np.cumsum(here)))[paths.offsets]
+    records, rays = np.empty((2, int(ends[-1])), np.int64)
+    _fill_records(
+        read.numbers, paths.offsets, read.offsets, class_of, np.diff(asked) > 0, ends[:-1].copy(),
+        records, rays,
+    )  # fmt: skip
+    return records, rays, ends
 
 
 @lean_kernel
 def _fill_records(
-    numbers: Any, path_offsets: I64, record_offsets: I64, chosen: Any, per_path: I64, records: I64,
-    rays: I64,
+    numbers: Any, path_offsets: I64, record_offsets: I64, class_of: Any, asked: Any, place: I64,
+    records: I64, rays: I64,
 ) -> None:  # fmt: skip
-    n = 0
     for ray in range(len(numbers)):
         path = numbers[ray]
-        if per_path[path] == 0:
+        if not asked[path]:
             continue
         first, record = path_offsets[path], record_offsets[ray]
         for i in range(path_offsets[path + 1] - first):
-            if chosen[first + i]:
-                records[n] = record + i
-                rays[n] = ray
-                n += 1
+            one = class_of[first + i]
+            if one >= 0:
+                records[place[one]] = record + i
+                rays[place[one]] = ray
+                place[one] += 1
 
 
 @lean_kernel

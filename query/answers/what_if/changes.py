@@ -324,7 +324,8 @@ def _step(key: str, word: str, value: Any, map: RayMap) -> Callable[[Law, Channe
 
     def step(old: Law, channels: ChannelSet) -> Law:
         try:
-            return _MAKERS[word](key, value, old, channels, map)
+            made: Law = _MAKERS[word](key, value, old, channels, map)
+            return made
         except ValidationError as error:
             problem = error.errors()[0]
             place = ".".join(str(part) for part in problem["loc"])

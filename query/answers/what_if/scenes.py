@@ -66,7 +66,7 @@ def changes_of_scene(map: RayMap, scene: str | Path) -> Changes:
         if old_medium.phase != new_medium.phase:
             raise RayMapError(f"{name!r} has another phase function in {scene}: that is not built")
         absorption = [np.asarray(s.absorption)[number] for s in (own_channels, channels)]
-        if not np.array_equal(*absorption):
+        if not np.array_equal(absorption[0], absorption[1]):
             changes.media.setdefault(number, {})["absorption"] = absorption[1].tolist()
         if old_medium.scattering != new_medium.scattering:
             zeros = (0.0,) * channels.n_channels
@@ -136,7 +136,7 @@ def _check_channels(directory: Directory, own: ChannelSet, other: ChannelSet) ->
     if (own.kind, own.wavelengths_nm) != (other.kind, other.wavelengths_nm):
         raise RayMapError("the scene has other wavelengths than the map: record it again")
     indices = [np.asarray(each.refractive_index, np.float64) for each in (own, other)]
-    if indices[0].shape != indices[1].shape or not np.array_equal(*indices):
+    if indices[0].shape != indices[1].shape or not np.array_equal(indices[0], indices[1]):
         rows = np.flatnonzero((indices[0] != indices[1]).any(axis=1))
         name = directory.media[int(rows[0])].name
         raise RayMapError(
