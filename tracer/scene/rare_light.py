@@ -38,7 +38,7 @@ class TraceModel(Node):
 
     analog : every ray carries the same flux
     weighted : rays carry weights, fluxes stay the same. ``min_reflection`` is the least probability
-        of a reflection at a smooth interface, of a scatter and of light sent on by a diffuser;
+        of a reflection at a smooth interface, of a scatter and of light that a surface sends on;
         ``split_depth``: light is split at smooth interfaces until so many reflections have split
         it off; ``aim``: names of faces, bodies or detectors that scattered light is aimed at, with
         the probability ``aim_share``; rays of a weight below ``roulette_weight`` are thinned out;
