@@ -19,6 +19,7 @@ from query.answers.images.readings import readings
 from raymap.model.errors import RayMapError
 from raymap.model.limits import PICTURE_FLOOR
 from raymap.optics.cells import cell_measure
+from tests.examples import examples
 from tests.raymap.maps import small_directory, write_small
 
 _SKY = raymap.Detector(name="sky", kind="far_field", cells=(3, 4))
@@ -85,7 +86,7 @@ def test_a_table_of_many_cells_is_written_row_by_row(tmp_path):
     assert np.allclose(table[:, 4], image.flux.ravel(), rtol=1e-8)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60))
 @given(data=st.data())
 def test_each_cell_lies_in_one_block(data):
     """Whatever the light; and no more blocks than allowed, however many rays there are."""
