@@ -29,7 +29,7 @@ from tracer.transport.weighted_ray import Weighted, WeightedRay
 __all__ = ["scatter_aimed", "scatter_if_any"]
 
 
-@inner_kernel
+@inline_kernel
 def scatter_aimed(
     rare: RareLight, ray: WeightedRay, optics: Optics, tables: F64 | None, at: Interface, way: Way,
     light: Light,
