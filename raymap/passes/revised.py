@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import threading
+from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -29,25 +30,14 @@ from raymap.model.schema import COLOR_SCALE
 from raymap.passes.branches import Partners
 from raymap.passes.reweighting import ChangedLaws, Reweighting, Unseen
 
-__all__ = ["RevisedMap", "RevisedPortion", "Shared"]
+__all__ = ["RevisedMap", "RevisedPortion"]
 
 F64 = NDArray[np.float64]
 
+_KEPT = 16
+"""Portions whose rays' weights are kept: of a large map they would fill the memory."""
 _LOOKED_AT = 8
 """Portions from which it is estimated what changes open."""
-
-
-@dataclass(frozen=True, eq=False)
-class Shared:
-    """What a map and its revision have in common, by merged path: for the error of differences.
-
-    Attributes
-    ----------
-    products : (n_paths,) sum over rays (over emissions first) of new times old weight, each times
-        what the light at the end is worth (`raymap.optics.photometry`)
-    """
-
-    products: F64
 
 
 class RevisedPortion(StoredPortion):
@@ -74,9 +64,11 @@ class RevisedPortion(StoredPortion):
         Amounts are what the map states where weights do not change them.
         """
         with self._factors_lock:
-            if self._factors is None:
-                self._factors = self._weighed()
-            return self._factors
+            found = self._factors
+            if found is None:
+                found = self._factors = self._weighed()
+                self._revised.remember(self)
+            return found
 
     def _weighed(self) -> tuple[F64, F64]:
         ends = self.own.color_codes(self.own.column("last_color")).colors() / COLOR_SCALE
@@ -88,8 +80,7 @@ class RevisedPortion(StoredPortion):
 
     def forget(self) -> None:
         """Give back what was computed of single rays."""
-        with self._factors_lock:
-            self._factors = None
+        self._factors = None
 
     # -- columns -------------------------------------------------------------------------------
 
@@ -176,39 +167,28 @@ class RevisedPortion(StoredPortion):
         weight, shares = self._light()
         emission = self.own.column("emission") if self.grouped else None
         light = self._revised.photometry(self.channel_set)
-        own_light = self._revised.base.photometry(self.channel_set)
         source = self.own.column("source")
         lit = weight[:, None] * shares
-        worth, own_worth = weight, self.own.column("weight").astype(np.float64)
         worth_squares = None
         if light.changes:
             worth = weight * _worth(light, source, shares)
-            ends = self.own.color_codes(self.own.column("last_color")).colors() / COLOR_SCALE
-            own_worth = own_worth * _worth(own_light, source, ends)
             worth_squares = squares_by_emission(numbers, worth, emission, n)
-        both = squares_by_emission(numbers, worth + own_worth, emission, n)
-        single = worth_squares
-        if single is None:
-            single = squares_by_emission(numbers, worth, emission, n)
-        own_squares = squares_by_emission(numbers, own_worth, emission, n)
         return _Sums(
             np.bincount(numbers, weight, n).astype(np.float64),
             squares_by_emission(numbers, weight, emission, n),
             np.stack([np.bincount(numbers, column, n) for column in lit.T], axis=1),
             worth_squares,
-            0.5 * (both - single - own_squares),
         )
 
 
 @dataclass(frozen=True, eq=False)
 class _Sums:
-    """Of the paths of a portion; ``products`` as in `Shared`."""
+    """Of the paths of a portion."""
 
     weight: F64
     squares: F64
     colors: F64
     worth_squares: F64 | None
-    products: F64
 
 
 class RevisedMap(RayMap):
@@ -249,9 +229,11 @@ class RevisedMap(RayMap):
             for channel_set, each in zip(base.channel_sets, self._changed, strict=True)
         ]
         self.portions = [RevisedPortion(portion, self) for portion in base.portions]
+        self._recent: deque[RevisedPortion] = deque()
+        self._recent_lock = threading.Lock()
         self._reweightings: dict[int, Reweighting] = {}
         self._sums_lock, self._laws_lock = threading.Lock(), threading.Lock()
-        self._sums: tuple[MergedPaths, Shared] | None = None
+        self._sums: MergedPaths | None = None
         self._partners: Partners | None = None
         self.threads = 0
 
@@ -268,6 +250,13 @@ class RevisedMap(RayMap):
                     self._known_partners(),
                 )
             return self._reweightings[channel_set]
+
+    def remember(self, portion: RevisedPortion) -> None:
+        """Keep what was computed of a portion's rays, and give back that of the oldest one."""
+        with self._recent_lock:
+            self._recent.append(portion)
+            if len(self._recent) > _KEPT:
+                self._recent.popleft().forget()
 
     def _known_partners(self) -> Partners:
         if self._partners is None:
@@ -286,35 +275,27 @@ class RevisedMap(RayMap):
         base = self.base.merged
         if base is None or not self.changes_weights:
             return base
-        return self._summed()[0]
+        return self._summed()
 
-    @property
-    def shared(self) -> Shared | None:
-        """What the map and its revision have in common; None without a merged dictionary."""
-        if self.base.merged is None or not self.changes_weights:
-            return None
-        return self._summed()[1]
-
-    def _summed(self) -> tuple[MergedPaths, Shared]:
+    def _summed(self) -> MergedPaths:
         with self._sums_lock:
             if self._sums is None:
                 self._sums = self._pass()
             return self._sums
 
-    def _pass(self) -> tuple[MergedPaths, Shared]:
+    def _pass(self) -> MergedPaths:
         """Sum the new weights of all rays by their paths."""
         base = self.base.merged
         assert base is not None
         paths = base.paths
         n = paths.n_paths
-        weight, squares, products = np.zeros((3, n))
+        weight, squares = np.zeros((2, n))
         worth_squares = np.zeros(n)
         sets = [np.zeros(sums.shape) for sums in paths.sum_wc]
         told = False
         for portion, local, sums in self._each_portion(base):
             weight[local] += sums.weight
             squares[local] += sums.squares
-            products[local] += sums.products
             sets[portion.channel_set][local] += sums.colors
             if sums.worth_squares is not None:
                 told = True
@@ -326,7 +307,7 @@ class RevisedMap(RayMap):
             sum_wc=tuple(sets),
             sum_wy2=worth_squares if told else None if paths.sum_wy2 is None else squares,
         )
-        return MergedPaths(paths=revised, local_to_global=base.local_to_global), Shared(products)
+        return MergedPaths(paths=revised, local_to_global=base.local_to_global)
 
     def _each_portion(self, base: MergedPaths) -> Any:
         def work(index: int) -> Any:

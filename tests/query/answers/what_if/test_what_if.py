@@ -324,6 +324,18 @@ def test_every_question_takes_the_view(base: Any) -> None:
     assert whole == pytest.approx(query.detector_image(ray_map, "wall", None).flux.sum(), rel=0.5)
 
 
+def test_weights_of_few_portions_are_kept(tmp_path: Path) -> None:
+    text = SCENE.replace("UNIT", "W")
+    path = tmp_path / "a.raymap"
+    record(parse_scene(text), path, rays=4_000, portion_rays=100, seed=1)
+    with raymap.open(path) as ray_map:
+        view = query.what_if(ray_map, {"clear.reflectance": 0.2})
+        assert len(view.portions) == 40
+        before = query.select(view, "length > 30").flux
+        assert sum(portion._factors is not None for portion in view.portions) <= 16
+        assert query.select(view, "length > 30").flux == before
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
