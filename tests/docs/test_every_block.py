@@ -21,8 +21,6 @@ FORMAT = "docs/format.md"
 NOT_RUN = {
     ("README.md", "make demo     # makes an environment, records a lens, finds its ghosts, draws "
      "them (Python 3.11 or newer)"): "makes an environment; its targets are looked up below",
-    ("docs/architecture.md", "tracer ──► raymap ◄── query ◄── viewer ──► raymap"):
-        "a diagram; import-linter holds the arrows",
     ("docs/architecture.md", "scene.toml ─► Scene (validated) ─► CompiledScene (plain arrays) ─► "
      "wavefront of rays ─► Portion ─► encoded streams ─► file"): "a diagram of the way of the data",
     (FORMAT, "file      magic 12 │ major u2 │ minor u2 │ chunk │ chunk │ chunk │ …"):
