@@ -54,6 +54,7 @@ COMMANDS = {
     "illuminated": f"{MAP} sensor",
     "sweep": f"{MAP} sensor",
     "compare": f"{MAP} {MAP}",
+    "what-if": f"{MAP} --scene <scene.toml",
     "image": f"{MAP} sensor -o >image.png",
     "picture": f"{MAP} -o >picture.png --session <session.json",
     "chart": f"{MAP} sensor -o >chart.svg",

@@ -54,6 +54,7 @@ WORDS: dict[str, list[str]] = {
     "illuminated": ["a.raymap", "sensor"],
     "sweep": ["a.raymap", "sensor"],
     "compare": ["a.raymap", "a.raymap"],
+    "what-if": ["a.raymap", "--set", "lamp.flux=2"],
     "image": ["a.raymap", "sensor", "-o", "a.tiff"],
     "picture": ["a.raymap", "-o", "a.png"],
     "chart": ["a.raymap", "sensor", "-o", "chart.png"],

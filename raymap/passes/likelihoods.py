@@ -147,7 +147,8 @@ class Likelihoods:
         if needs_index(self.law):
             critical = np.sqrt(np.maximum(0.0, 1.0 - (met.n_o / met.n_i) ** 2))
             if branch == THROUGH:
-                cos_i = np.maximum(cos_i, float(critical.max()) * (1.0 + _NEAR))
+                nearest = min(1.0, float(critical.max()) * (1.0 + _NEAR))
+                cos_i = np.maximum(cos_i, nearest)
             elif branch == TOTAL and critical.max() > 0.0:
                 cos_i = np.minimum(cos_i, float(critical.min()) * (1.0 - _NEAR))
         back, through = self._shares(met.n_i, met.n_o, cos_i)

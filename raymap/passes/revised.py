@@ -266,7 +266,11 @@ class RevisedMap(RayMap):
                 self._partners.learn(merged.paths)
             for portion in self.base.portions:
                 if merged is None or not portion.has_paths:
-                    self._partners.learn(portion.paths())
+                    try:
+                        self._partners.learn(portion.paths())
+                    except DamagedPortion:
+                        if self.on_damage == "raise":
+                            raise
         return self._partners
 
     @property

@@ -37,6 +37,8 @@ __all__ = ["Changes", "FACE_WORDS", "MEDIUM_WORDS", "SOURCE_WORDS", "changes_of"
 
 Floats = NDArray[np.float64]
 
+_LARGEST = 1e30
+"""Largest amount that a change may name: sums of it are numbers."""
 FACE_WORDS = (
     "reflectance", "transmittance", "coating", "metal", "black", "lambertian", "scatter",
 )  # fmt: skip
@@ -69,9 +71,9 @@ def _value(text: str, whole: str) -> Any:
             raise RayMapError(f"--set {whole!r}: {text!r} is no number of percent") from None
     try:
         return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         raise RayMapError(
-            f"--set {whole!r}: the value {text!r} cannot be read; numbers, 0.5%, true, "
+            f"--set {_shown(whole)}: the value cannot be read; numbers, 0.5%, true, "
             "[a, b, c] by channel, or a table {key = value}"
         ) from None
 
@@ -296,19 +298,30 @@ def _change_sources(
 def _number(value: Any, key: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise RayMapError(f"{key}: a number is needed, not {value!r}")
-    return float(value)
+    try:
+        number = float(value)
+    except OverflowError:
+        number = np.inf
+    if not abs(number) <= _LARGEST:
+        raise RayMapError(f"{key}: {_shown(value)} is no amount that can be summed")
+    return number
+
+
+def _shown(value: Any) -> str:
+    text = str(value) if isinstance(value, float) else repr(value)[:40]
+    return text if len(text) < 40 else f"{text[:37]}..."
 
 
 def _by_channel(value: Any, n: int, key: str) -> Floats:
     """(n,) one value for all channels, or one for each."""
     try:
         values = np.atleast_1d(np.asarray(value, np.float64))
-    except (TypeError, ValueError):
-        raise RayMapError(f"{key}: numbers are needed, not {value!r}") from None
+    except (TypeError, ValueError, OverflowError):
+        raise RayMapError(f"{key}: numbers are needed, not {_shown(value)}") from None
     if values.ndim != 1 or len(values) not in (1, n):
         raise RayMapError(f"{key}: {len(values)} values were given, the map has {n} channels")
-    if not np.isfinite(values).all() or (values < 0.0).any():
-        raise RayMapError(f"{key}: values are numbers of at least 0, not {value!r}")
+    if not (values <= _LARGEST).all() or (values < 0.0).any():
+        raise RayMapError(f"{key}: values are numbers from 0 to {_LARGEST:g}, not {_shown(value)}")
     return np.broadcast_to(values, n).astype(np.float64)
 
 
@@ -416,6 +429,10 @@ def _coating(key: str, value: Any, old: Law, channels: ChannelSet, map: RayMap) 
         )
     n = channels.n_channels
     if "layers" in value:
+        if not isinstance(value["layers"], list) or not all(
+            isinstance(layer, dict) for layer in value["layers"]
+        ):
+            raise RayMapError(f"{key}: layers = [{{index = ..., thickness_nm = ...}}, ...]")
         layers = [
             {
                 "thickness_nm": layer.get("thickness_nm"),
