@@ -56,7 +56,7 @@ NOISY = {
     "illuminated": ["illuminated", "MAP", "screen"],
     "sweep": ["sweep", "MAP", "screen", "event(tir)"],
     "compare": ["compare", "MAP", "OTHER", "--top", "9"],
-    "what-if": ["what-if", "MAP", "event(tir)", "--set", "beam.flux=2", "--top", "9"],
+    "what-if": ["what-if", "MAP", 'hit("L1")', "--set", "lamp.flux=5", "--top", "9"],
     "image": ["image", "MAP", "screen", "event(tir)", "-o", "OUT.png"],
     "chart": ["chart", "MAP", "screen", "-o", "OUT.png"],
     "record": ["record", "SCENE", "--rays", "60", "--no-rays", "-o", "OUT.raymap", "--force"],

@@ -71,13 +71,22 @@ def _print(found: Effect, rows: list[dict[str, Any]], unit: str) -> None:
     from query.answers.what_if.effect import FEWEST
 
     console = Console(soft_wrap=True, highlight=False)
+    if not found.rays:
+        bound = found.after.bound_95 or 0.0
+        console.print(
+            f"no ray does what is asked, so that its flux is below {bound:.3g} {unit} (95 %)"
+        )
+        return
     shown = {
         "before": with_error(found.before.flux, found.before.se, f" {unit}"),
         "after": with_error(found.after.flux, found.after.se, f" {unit}"),
-        "difference": with_error(found.difference, found.difference_se, f" {unit}"),
     }
+    if found.difference or found.difference_se:
+        shown["difference"] = with_error(found.difference, found.difference_se, f" {unit}")
     for name, text in shown.items():
         console.print(f"{name}: {text}")
+    if not found.difference and not found.difference_se:
+        console.print("the changes do not reach this light")
     if found.ratio is not None:
         console.print(f"after / before: {found.ratio:.5g}")
     weak = f"; fewer than {FEWEST}, so that the error is not to be relied on" if found.weak else ""
