@@ -60,7 +60,9 @@ def picture(
     ] = None,
     after: Annotated[int, typer.Option(help="Draw rays from their n-th reflection on.")] = 0,
     opacity: Annotated[float, typer.Option(min=0, max=1, help="Opacity of rays.")] = 0.5,
-    line_width: Annotated[float, typer.Option(min=0.1, help="Width of rays in pixels.")] = 1.0,
+    line_width: Annotated[
+        float, typer.Option(min=0.1, max=1000.0, help="Width of rays in pixels.")
+    ] = 1.0,
     fade: Annotated[bool, typer.Option("--fade", help="Fade rays by their flux.")] = False,
     hide: Annotated[list[str] | None, typer.Option(help="Leave out an object; repeatable.")] = None,
     names: Annotated[bool, typer.Option("--names", help="Write the names of objects.")] = False,

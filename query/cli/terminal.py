@@ -12,6 +12,7 @@ from rich.text import Text
 from query.answers.paths.tables import PathTable
 from query.answers.selections.selection import Selection
 from raymap.model.doubt import FOOTNOTE, is_doubtful, marked
+from raymap.model.plaintext import plain_text
 from raymap.optics.colorimetry import encode_srgb
 
 __all__ = ["print_paths", "print_report", "print_rows", "print_selection"]
@@ -234,7 +235,7 @@ def _medium(point: dict[str, Any]) -> str:
         words = [] if index is None else [f"n {index:.6f}"]
     for name, value in (point["medium_parameters"] or {}).items():
         if isinstance(value, int | float | str) and not isinstance(value, bool):
-            words.append(f"{name} {value}")
+            words.append(plain_text(f"{name} {value}"))
     return "\n".join(words[:4])
 
 
