@@ -187,7 +187,8 @@ class CompiledScene(NamedTuple):
         where all faces are flat rings, rectangles, spheres or cylinders
     surface_i, surface_f, medium_i, medium_f, body_i, source_i, source_f, detector_i, detector_f
     pattern : deals ray numbers to sources
-    list_of, first, face, distance, settle, settles : candidate lists (`tracer.scene.candidates`)
+    list_of, first, face, distance, settle, settles : candidate lists
+        (`tracer.scene.arrangement.candidates`)
     plain, target : faces at which streams of rays are refracted, and the place of the face for
         which those of a list are bound, -1 none (`tracer.transport.streams`)
     tables : flat pool of all sampled functions; None where no medium absorbs or scatters and all

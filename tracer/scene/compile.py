@@ -43,8 +43,10 @@ from tracer.description.named_files import named_file, noting_files
 from tracer.detectors.model import DetectorModel
 from tracer.geometry.kinds import ANNULUS, CYLINDER, MESH, RECTANGLE, SPHERE
 from tracer.geometry.shape_columns import ShapeColumns
-from tracer.scene.candidates import Candidates, Departures
-from tracer.scene.contacts import find_contacts
+from tracer.scene.arrangement.candidates import Candidates, Departures
+from tracer.scene.arrangement.contacts import find_contacts
+from tracer.scene.arrangement.sheets import warn_of_hidden_sheets
+from tracer.scene.arrangement.touching import warn_of_touching
 from tracer.scene.detectors import DetectorTable
 from tracer.scene.faces import FaceTable, given_parameters
 from tracer.scene.inputs import file_hash, inputs_of, taking_part
@@ -53,11 +55,9 @@ from tracer.scene.meshes import SceneMeshes
 from tracer.scene.model import Scene
 from tracer.scene.rare_light import compile_rare_light
 from tracer.scene.resolve import resolve_bodies
-from tracer.scene.sheets import warn_of_hidden_sheets
 from tracer.scene.source_faces import lift_off_faces
 from tracer.scene.sources import CompiledSources, SourceTable
 from tracer.scene.surfaces import compile_surfaces
-from tracer.scene.touching import warn_of_touching
 from tracer.surfaces.scatter_check import check_laws, check_scatter
 
 __all__ = ["Compilation", "compile_scene", "resolve_bodies"]

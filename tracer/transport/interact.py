@@ -95,9 +95,9 @@ from tracer.transport.splitting import (
     twin_event,
 )
 from tracer.transport.streams import DONE
-from tracer.transport.weighted import aim_in_volume, end_faint_ray, meet
-from tracer.transport.weighted_aim import Flight
-from tracer.transport.weighted_ray import WeightedRay
+from tracer.transport.weighted.balance import Flight
+from tracer.transport.weighted.outcomes import aim_in_volume, end_faint_ray, meet
+from tracer.transport.weighted.ray import WeightedRay
 
 __all__ = ["emit_block", "interact", "place_block"]
 

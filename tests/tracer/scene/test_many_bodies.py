@@ -15,11 +15,11 @@ from tracer.bodies.lens import LensBody
 from tracer.geometry.kinds import ANNULUS, CYLINDER, POLYGON, RECTANGLE, SPHERE
 from tracer.geometry.shape_columns import ShapeColumns
 from tracer.geometry.shapes import Annulus, Cylinder, Polygon, Rectangle, Shape, SphereCap
-from tracer.scene import candidates
+from tracer.scene.arrangement import candidates
+from tracer.scene.arrangement.contacts import find_contacts
 from tracer.scene.box_pairs import meeting_boxes
 from tracer.scene.checks import check_lenses, on_common_axis
 from tracer.scene.compile import compile_scene
-from tracer.scene.contacts import find_contacts
 from tracer.scene.load import parse_scene
 from tracer.transport.wavefront import Wavefront
 

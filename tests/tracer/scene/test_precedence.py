@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tracer.geometry.shapes import Annulus, Cylinder, SphereCap
-from tracer.scene.precedence import Precedence
+from tracer.scene.arrangement.precedence import Precedence
 
 
 def _axes(n: int) -> list[np.ndarray]:

@@ -14,7 +14,7 @@ from tests.examples import examples
 from tests.tracer.transport.tracing import Trace, assert_share, compiled, trace
 from tracer.description.fields import Placed
 from tracer.geometry.shapes import Annulus, Polygon, Rectangle, Shape
-from tracer.scene.sheets import HiddenSheet, sheets_overlap
+from tracer.scene.arrangement.sheets import HiddenSheet, sheets_overlap
 
 SUN = """
 [surfaces.white]

@@ -12,9 +12,9 @@ import pytest
 
 from tests.tracer.transport.tracing import compiled
 from tracer.geometry.shape_columns import ShapeColumns
+from tracer.scene.arrangement.touching import TouchingFaces, find_touching
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import load_scene, parse_scene
-from tracer.scene.touching import TouchingFaces, find_touching
 
 trimesh = pytest.importorskip("trimesh")
 

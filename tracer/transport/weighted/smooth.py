@@ -31,9 +31,9 @@ from tracer.surfaces.interaction import (
 )
 from tracer.surfaces.specular import smooth_shares
 from tracer.transport.splitting import T_CODE, T_EVENT, T_PENDING, Twins, keep_twin
-from tracer.transport.weighted_aim import likely_enough, thin_out
-from tracer.transport.weighted_ray import Weighted, WeightedRay, with_weight
-from tracer.transport.weighted_scatter import scatter_if_any
+from tracer.transport.weighted.balance import likely_enough, thin_out
+from tracer.transport.weighted.ray import Weighted, WeightedRay, with_weight
+from tracer.transport.weighted.scattered import scatter_if_any
 
 __all__ = ["meet_smooth"]
 

@@ -8,7 +8,7 @@ carries the ratio of both as a factor of its weight.
 - Where the ray may still split (`tracer.transport.splitting`), the reflected part becomes a ray of
   its own and the other part goes on, each with its share.
 - Scattered light is aimed with the probability ``settings[R_AIM]``
-  (`tracer.transport.weighted_aim`).
+  (`tracer.transport.weighted.balance`).
 
 References
 ----------
@@ -43,10 +43,10 @@ from tracer.surfaces.interaction import (
 from tracer.surfaces.meeting import meet_by_kind, meet_surface
 from tracer.surfaces.mirror import reflect_at_mirror
 from tracer.transport.splitting import Twins
-from tracer.transport.weighted_aim import Flight, aim_scattered, thin_out
-from tracer.transport.weighted_ray import Weighted, WeightedRay
-from tracer.transport.weighted_scatter import scatter_aimed, scatter_if_any
-from tracer.transport.weighted_smooth import meet_smooth
+from tracer.transport.weighted.balance import Flight, aim_scattered, thin_out
+from tracer.transport.weighted.ray import Weighted, WeightedRay
+from tracer.transport.weighted.scattered import scatter_aimed, scatter_if_any
+from tracer.transport.weighted.smooth import meet_smooth
 
 __all__ = ["aim_in_volume", "end_faint_ray", "meet"]
 

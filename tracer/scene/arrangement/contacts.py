@@ -24,8 +24,8 @@ from tracer.geometry.kinds import (
     SPHERE,
 )
 from tracer.geometry.shape_columns import ShapeColumns
+from tracer.scene.arrangement.sheets import sheets_overlap
 from tracer.scene.box_pairs import meeting_boxes
-from tracer.scene.sheets import sheets_overlap
 
 __all__ = ["find_contacts"]
 

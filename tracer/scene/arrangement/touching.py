@@ -1,9 +1,9 @@
 """Triangle meshes that touch analytic faces or one another: found, and warned about.
 
 Where two faces coincide light must meet one interface. That is so for analytic faces
-(`tracer.scene.contacts`); the triangles of a mesh are found one by one, so where they lie on
-something else light meets two faces in the order that rounding gives, or a film of what is outside
-between them. The remedy is the user's.
+(`tracer.scene.arrangement.contacts`); the triangles of a mesh are found one by one, so where they
+lie on something else light meets two faces in the order that rounding gives, or a film of what is
+outside between them. The remedy is the user's.
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ from raymap.model.events import Event
 from tracer.compiled import R_AIM, R_FAINT, RareLight
 from tracer.optics.phase import pdf_phase
 from tracer.rays.random import advance, uniform
-from tracer.transport.aiming import Start, aim_at, count_targets, pdf_aim
+from tracer.transport.weighted.aiming import Start, aim_at, count_targets, pdf_aim
 
 __all__ = [
     "Aim",

@@ -22,9 +22,9 @@ from tracer.surfaces.specular import (
     pdf_of_lobe,
     scattered_parts,
 )
-from tracer.transport.aiming import Start
-from tracer.transport.weighted_aim import aim_or_keep, balance, likely_enough
-from tracer.transport.weighted_ray import Weighted, WeightedRay
+from tracer.transport.weighted.aiming import Start
+from tracer.transport.weighted.balance import aim_or_keep, balance, likely_enough
+from tracer.transport.weighted.ray import Weighted, WeightedRay
 
 __all__ = ["scatter_aimed", "scatter_if_any"]
 

@@ -6,8 +6,8 @@ boxes to meet a face. Both statements hold for every ray, so a list may be left 
 have met something nearer than the rest of it.
 
 In scenes of few faces a list also says which hits are *settled* early: those on a face before which
-nothing that is left in the list can be met (`tracer.scene.precedence`). Faces that are likely to
-settle many rays come first, so most rays of a lens are tried with one or two faces.
+nothing that is left in the list can be met (`tracer.scene.arrangement.precedence`). Faces that are
+likely to settle many rays come first, so most rays of a lens are tried with one or two faces.
 
 In scenes of very many faces neighbours share a list: each face having its own would take memory and
 time in proportion to the square of their number.
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from tracer.geometry.kinds import MESH, SPHERE
 from tracer.geometry.shape_columns import ShapeColumns
-from tracer.scene.precedence import Precedence
+from tracer.scene.arrangement.precedence import Precedence
 
 __all__ = ["Candidates", "Departures"]
 

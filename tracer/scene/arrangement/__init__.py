@@ -1,0 +1,1 @@
+"""How the faces of a scene lie to one another: which coincide, are hidden, come first."""
