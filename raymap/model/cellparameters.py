@@ -15,6 +15,10 @@ __all__ = ["check_cells", "is_length"]
 _SMALLEST, _LARGEST = 1e-30, 1e30
 """Of lengths: their squares and what is divided by these are numbers."""
 
+_MOST_CORNERS, _MOST_COEFFICIENTS = 1024, 32
+_STEEPEST = 1e9
+"""Of slopes, and of what their roots are taken of."""
+
 
 def is_length(value: Any) -> bool:
     """A number above 0 of which squares and reciprocals are numbers."""
@@ -32,7 +36,8 @@ def check_cells(cells: tuple[int, int], parameters: Mapping[str, Any]) -> None:
         if name in parameters and not is_sound(parameters[name]):
             raise ValueError(f"its parameter {name} is no {words}")
     areas = parameters.get("cell_area")
-    if isinstance(areas, list | tuple) and len(areas) not in (1, cells[0] * cells[1]):
+    fitting = 1, cells[1], cells[0] * cells[1]
+    if isinstance(areas, list | tuple) and len(areas) not in fitting:
         raise ValueError(f"its cell_area has {len(areas)} numbers for {cells[0]} x {cells[1]}")
 
 
@@ -58,6 +63,34 @@ def _are_areas(value: Any) -> bool:
     return all(map(_is_size, value)) if isinstance(value, list | tuple) else _is_size(value)
 
 
+def _is_law(value: Any) -> bool:
+    """A face as `raymap.optics.seenfaces` reads it, of slopes that are numbers."""
+    if not isinstance(value, Mapping):
+        return False
+    if value.get("kind") == "polygon":
+        corners = value.get("corners")
+        return (
+            isinstance(corners, list | tuple)
+            and 3 <= len(corners) <= _MOST_CORNERS
+            and all(map(_is_pair, corners))
+        )
+    outer, inner = value.get("outer"), value.get("inner", 0.0)
+    aspheric = value.get("aspheric", ())
+    if value.get("kind") != "revolution" or not is_length(outer) or not _is_size(inner):
+        return False
+    if not isinstance(aspheric, list | tuple) or len(aspheric) > _MOST_COEFFICIENTS:
+        return False
+    numbers = (value.get("curvature", 0.0), value.get("conic", 0.0), *aspheric)
+    if not all(map(_is_number, numbers)) or not inner < outer:
+        return False
+    slopes = [numbers[0] * outer, numbers[1], numbers[1] * (numbers[0] * outer) ** 2]
+    try:
+        slopes += [a * outer ** (3 + 2 * power) for power, a in enumerate(aspheric)]
+    except OverflowError:
+        return False
+    return all(abs(slope) <= _STEEPEST for slope in slopes)
+
+
 def _is_text(value: Any) -> bool:
     return isinstance(value, str)
 
@@ -68,6 +101,7 @@ _FORMS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "aperture_diameter": (_is_size, "length"),
     "focus_distance": (is_length, "length"),
     "cell_area": (_are_areas, "areas"),
+    "area_law": (_is_law, "law of a face"),
     "size_unit": (_is_text, "text"),
     "mapping": (_is_text, "text"),
     "lens": (_is_text, "text"),

@@ -16,6 +16,7 @@ camera       étendue: solid angle seen  radiance [W/(m² sr)], luminance [cd/m�
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -23,6 +24,8 @@ from numpy.typing import NDArray
 
 from raymap.model.directory import Detector
 from raymap.model.units import METRES
+from raymap.optics.cellsizes import CellSizes, FaceSizes, TabledSizes
+from raymap.optics.seenfaces import seen_face
 
 __all__ = ["CellMeasure", "cell_measure", "cells_by_angle", "is_pinhole"]
 
@@ -41,13 +44,17 @@ class CellMeasure:
 
     Attributes
     ----------
-    quantity : what ``values`` are
-    values : (cells_v, cells_u) area [m²], solid angle [sr] or étendue [m² sr]; 0 where a cell lies
-        beside the face; read-only, and one number in memory where cells are alike
+    quantity : what ``sizes`` are
+    sizes : area [m²], solid angle [sr] or étendue [m² sr]; 0 where a cell lies beside the face
     """
 
     quantity: Quantity
-    values: Floats
+    sizes: CellSizes
+
+    @cached_property
+    def values(self) -> Floats:
+        """(cells_v, cells_u) all sizes; one number in memory where cells are alike."""
+        return self.sizes.part(*map(range, self.sizes.shape))
 
     def density_unit(self, flux_unit: str) -> str:
         """Unit of flux per measure, for a flux in W or lm."""
@@ -89,7 +96,7 @@ def cell_measure(detector: Detector, length_unit: str) -> CellMeasure | None:
             return None
         edges = np.radians(np.linspace(angles[0], angles[1], shape[0] + 1))
         bands = 2.0 * np.pi / shape[1] * (np.cos(edges[:-1]) - np.cos(edges[1:]))
-        return CellMeasure(quantity="solid_angle", values=np.broadcast_to(bands[:, None], shape))
+        return _tabled("solid_angle", np.broadcast_to(bands[:, None], shape))
     if metre is None:
         return None
     if detector.kind == "plane":
@@ -97,15 +104,23 @@ def cell_measure(detector: Detector, length_unit: str) -> CellMeasure | None:
         if unit is None:
             return None
         area = detector.size[0] / shape[1] * detector.size[1] / shape[0] * unit**2
-        return CellMeasure(quantity="area", values=np.broadcast_to(area, shape))
+        return _tabled("area", np.broadcast_to(area, shape))
     if detector.kind == "camera":
         return _camera(detector, shape, metre)
+    if (face := seen_face(detector.parameters)) is not None:
+        law = FaceSizes(face=face, size=detector.size, cells=shape, unit=metre)
+        return CellMeasure(quantity="area", sizes=law)
     areas = np.asarray(detector.parameters.get("cell_area", ()), np.float64)
-    if areas.size not in (1, shape[0] * shape[1]):
+    if areas.size not in (1, shape[0], shape[0] * shape[1]):
         return None
     areas = areas * metre**2
-    values = np.broadcast_to(areas, shape) if areas.size == 1 else areas.reshape(shape)
-    return CellMeasure(quantity="area", values=values)
+    if areas.size < shape[0] * shape[1]:
+        return _tabled("area", np.broadcast_to(areas.reshape(-1, 1), shape))
+    return _tabled("area", areas.reshape(shape))
+
+
+def _tabled(quantity: Quantity, values: Floats) -> CellMeasure:
+    return CellMeasure(quantity=quantity, sizes=TabledSizes(values))
 
 
 def _camera(detector: Detector, shape: tuple[int, int], metre: float) -> CellMeasure | None:
@@ -125,7 +140,7 @@ def _camera(detector: Detector, shape: tuple[int, int], metre: float) -> CellMea
         x, y, element = _places(float(tangents[0]), float(tangents[1]), shape, rows)
         taken = _taken(detector, x * x + y * y, element)
         values[rows.start : rows.stop] = _summed(taken) * metre**2
-    return CellMeasure(quantity="etendue", values=values)
+    return _tabled("etendue", values)
 
 
 def _taken(detector: Detector, r2: Floats, element: Floats) -> Floats:

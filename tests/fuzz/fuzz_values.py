@@ -230,6 +230,19 @@ def _described() -> raymap.Directory:
     sky = {"gamma_deg": [0.0, 180.0], "angles": "type_c", "size_unit": "deg"}
     camera = {"half_field": [0.5, 0.4], "lens": "thin", "size_unit": "tangent"}
     face = {"cell_area": [0.5] * 48, "mapping": "around"}
+    side = {"cell_area": [0.5] * 6, "mapping": "around"}
+    glass = {
+        "area_law": {
+            "kind": "revolution",
+            "inner": 0.5,
+            "outer": 2.0,
+            "curvature": 0.2,
+            "conic": -1.0,
+            "aspheric": [1e-3, 1e-5],
+        },
+        "mapping": "across",
+    }
+    end = {"area_law": {"kind": "polygon", "corners": [[-2.0, -2.0], [2.0, -2.0], [0.0, 2.0]]}}
     turned = {"reflected": {"kind": "tabulated", "albedo": 0.3}, "share": [0.1, 0.2, 0.3]}
     return small_directory(
         detectors=(
@@ -243,6 +256,13 @@ def _described() -> raymap.Directory:
                 name="hole", kind="camera", cells=(8, 6), parameters={**camera, "lens": "pinhole"}
             ),
             raymap.Detector(name="wall", kind="surface", cells=(8, 6), parameters=face),
+            raymap.Detector(name="side", kind="surface", cells=(8, 6), parameters=side),
+            raymap.Detector(
+                name="glass", kind="surface", cells=(8, 6), size=(4.0, 4.0), parameters=glass
+            ),
+            raymap.Detector(
+                name="end", kind="surface", cells=(8, 6), size=(4.0, 4.0), parameters=end
+            ),
         ),
         sources=(
             raymap.Source(name="lamp", flux=2.0, parameters={"diameter": 3.0, "size": [1.0, 2.0]}),

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +27,7 @@ from tracer.geometry.shapes import (
 __all__ = ["FaceMap", "map_face"]
 
 Array = NDArray[np.float64]
-Density = Callable[[Array, Array], Array]
-_FINE, _COARSE = 48, 4
+Law = dict[str, Any]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,7 +40,8 @@ class FaceMap:
     center, u, v, n : frame; n is the axis, or the normal of a flat face
     first, second : width and height of a flat map, lowest and highest place of a round one
     size : full size (u, v) [scene unit]
-    areas : (cells_v, cells_u), or a number where all are equal [scene unit²]
+    areas : of cells, a number where all are equal, else one for each row [scene unit²]; or the law
+        of the face, as `raymap.optics.seenfaces` reads it
     mapping : in words, for the map
     """
 
@@ -53,7 +53,7 @@ class FaceMap:
     first: float
     second: float
     size: tuple[float, float]
-    areas: Array | float
+    areas: Array | float | Law
     mapping: str
 
 
@@ -76,14 +76,14 @@ def map_face(shape: Shape, cells: tuple[int, int]) -> FaceMap:
         area = 2.0 * math.pi * shape.radius * top / (cells[0] * cells[1])
         return _round(shape.vertex, u, v, shape.axis, 0.0, top, shape.radius, area)
     if isinstance(shape, Polygon):
-        return _polygon(shape, cells)
+        return _polygon(shape)
     if isinstance(shape, Annulus | SphereCap | Conic):
-        return _disc(shape, cells)
+        return _disc(shape)
     raise SceneError(f"faces of kind {type(shape).__name__} have no map")
 
 
 def _flat(
-    center: Array, u: Array, v: Array, n: Array, size: tuple[float, float], areas: Array | float
+    center: Array, u: Array, v: Array, n: Array, size: tuple[float, float], areas: float | Law
 ) -> FaceMap:
     return FaceMap(
         kind=FLAT_MAP,
@@ -128,49 +128,30 @@ def _cone(shape: Frustum, cells: tuple[int, int]) -> FaceMap:
     edges = np.linspace(shape.low, shape.high, cells[1] + 1)
     radii = shape.radius + shape.slope * 0.5 * (edges[1:] + edges[:-1])
     slant = math.sqrt(1.0 + shape.slope**2) * (edges[1] - edges[0])
-    areas = np.repeat((2.0 * math.pi * radii * slant / cells[0])[:, None], cells[0], axis=1)
+    areas = 2.0 * math.pi * radii * slant / cells[0]
     middle = shape.radius + shape.slope * 0.5 * (shape.low + shape.high)
     return _round(shape.origin, u, v, shape.axis, shape.low, shape.high, middle, areas)
 
 
-def _disc(shape: Annulus | SphereCap | Conic, cells: tuple[int, int]) -> FaceMap:
+def _disc(shape: Annulus | SphereCap | Conic) -> FaceMap:
     """A face of revolution seen along its axis, in the square around its edge."""
-    inner = 0.0
+    law: Law = {"kind": "revolution"}
     if isinstance(shape, Annulus):
-        center, axis, inner, outer = shape.origin, shape.normal, shape.inner, shape.outer
+        center, axis, outer = shape.origin, shape.normal, shape.outer
+        law["inner"] = shape.inner
     elif isinstance(shape, SphereCap):
         center, axis = shape.vertex, shape.axis
         outer = math.sqrt(max(0.0, shape.sag * (2.0 * shape.radius - shape.sag)))
+        law["curvature"] = 1.0 / shape.radius
     else:
         center, axis, outer = shape.vertex, shape.axis, shape.semi_diameter
-        inner = shape.inner
+        law |= {"inner": shape.inner, "curvature": shape.curvature, "conic": shape.conic}
+        law["aspheric"] = list(shape.aspheric)
     u, v, _ = frame_of(axis)
-
-    def density(x: Array, y: Array) -> Array:
-        r2 = x * x + y * y
-        inside = (r2 <= outer * outer) & (r2 >= inner * inner)
-        slope2 = _slope2(shape, np.minimum(r2, outer * outer))
-        return np.where(inside, np.sqrt(1.0 + slope2), 0.0)
-
-    size = (2.0 * outer, 2.0 * outer)
-    return _flat(center, u, v, axis, size, _integrate(density, size, cells))
+    return _flat(center, u, v, axis, (2.0 * outer, 2.0 * outer), law | {"outer": outer})
 
 
-def _slope2(shape: Annulus | SphereCap | Conic, r2: Array) -> Array:
-    """Squared slope of a face of revolution."""
-    if isinstance(shape, Annulus):
-        return np.zeros_like(r2)
-    if isinstance(shape, SphereCap):
-        return np.asarray(r2 / np.maximum(shape.radius**2 - r2, 1e-9 * shape.radius**2))
-    r = np.sqrt(r2)
-    c, k = shape.curvature, 1.0 + shape.conic
-    slope = c * r / np.sqrt(np.maximum(1.0 - k * c * c * r2, 1e-9))
-    for power, coefficient in enumerate(shape.aspheric):
-        slope = slope + (4 + 2 * power) * coefficient * r ** (3 + 2 * power)
-    return np.asarray(slope * slope)
-
-
-def _polygon(shape: Polygon, cells: tuple[int, int]) -> FaceMap:
+def _polygon(shape: Polygon) -> FaceMap:
     points = shape.vertices
     u = unit(points[1] - points[0])
     n = shape.normal
@@ -179,52 +160,6 @@ def _polygon(shape: Polygon, cells: tuple[int, int]) -> FaceMap:
     low, high = flat.min(axis=0), flat.max(axis=0)
     middle = 0.5 * (low + high)
     size = (float(high[0] - low[0]), float(high[1] - low[1]))
-    corners = flat - middle
-    edges = np.roll(corners, -1, axis=0) - corners
-
-    def density(x: Array, y: Array) -> Array:
-        inside = np.ones(x.shape, bool)
-        for corner, edge in zip(corners, edges, strict=True):
-            inside &= edge[0] * (y - corner[1]) - edge[1] * (x - corner[0]) >= 0.0
-        return inside.astype(np.float64)
-
+    law = {"kind": "polygon", "corners": (flat - middle).tolist()}
     center = middle[0] * u + middle[1] * v + (points[0] @ n) * n
-    return _flat(center, u, v, n, size, _integrate(density, size, cells))
-
-
-def _integrate(density: Density, size: tuple[float, float], cells: tuple[int, int]) -> Array:
-    """Integral of a density over each cell; cells at an edge are looked at more closely."""
-    shape = cells[1], cells[0]
-    rows, columns = (index.ravel() for index in np.indices(shape))
-    areas, beside = _sampled(density, size, cells, _COARSE, rows, columns)
-    # A neighbour of a cell that is partly beside the face may be cut by less than a point
-    partly = ((beside > 0) & (beside < _COARSE**2)).reshape(shape)
-    near = partly.copy()
-    near[1:] |= partly[:-1]
-    near[:-1] |= partly[1:]
-    near[:, 1:] |= partly[:, :-1]
-    near[:, :-1] |= partly[:, 1:]
-    again = np.flatnonzero(near)
-    areas[again], _ = _sampled(density, size, cells, _FINE, rows[again], columns[again])
-    return areas.reshape(shape)
-
-
-def _sampled(
-    density: Density,
-    size: tuple[float, float],
-    cells: tuple[int, int],
-    n: int,
-    rows: NDArray[np.int64],
-    columns: NDArray[np.int64],
-) -> tuple[Array, NDArray[np.int64]]:
-    """Midpoint sums with n x n points per cell; how many points lie beside the face."""
-    total = np.zeros(len(rows))
-    beside = np.zeros(len(rows), np.int64)
-    inside = (np.arange(n) + 0.5) / n
-    for a in inside:
-        y = ((rows + a) / cells[1] - 0.5) * size[1]
-        for b in inside:
-            values = density(((columns + b) / cells[0] - 0.5) * size[0], y)
-            total += values
-            beside += values == 0.0
-    return total * (size[0] * size[1] / (cells[0] * cells[1]) / (n * n)), beside
+    return _flat(center, u, v, n, size, law)

@@ -266,6 +266,9 @@ class DetectorTable:
         row[0:3], row[3:6], row[6:9], row[9:12] = found.center, found.u, found.v, found.n
         row[12:15] = found.first, found.second, _SIDES[model.side]
         areas = found.areas
+        sizes: dict[str, Any] = {"area_law": areas}
+        if not isinstance(areas, dict):
+            sizes = {"cell_area": areas if isinstance(areas, float) else _short(areas)}
         return Detector(
             name=name,
             kind="surface",
@@ -279,8 +282,8 @@ class DetectorTable:
                 "face": model.face,
                 "side": model.side,
                 "mapping": found.mapping,
-                "cell_area": areas if isinstance(areas, float) else _short(areas),
-            },
+            }
+            | sizes,
         )
 
     def _triangles(

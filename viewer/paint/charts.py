@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from query import DetectorImage, detector_image
 from query.answers.images.beams import BeamPlane, beam_of
-from query.answers.images.binning import bin_cells
 from query.answers.images.readings import reading_lines, readings
 from raymap import RayMap
 from raymap.model.errors import RayMapError
@@ -276,7 +275,8 @@ def _drawn(image: DetectorImage, asked: str | None) -> tuple[Array, int]:
         return lit.spread(values), 1
     if image.measure is None:
         return lit.blocks(values, side) / side**2, side
-    size = bin_cells(image.measure.values, side)
+    sizes = image.measure.sizes.joined(side)
+    size = sizes.part(*map(range, sizes.shape))
     flux = lit.blocks(values * lit.size, side)
     return np.divide(flux, size, out=np.zeros_like(flux), where=size > 0.0), side
 

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from query.answers.images.binning import bin_cells
 from query.answers.images.pictures import DetectorImage
 from query.answers.images.readings import readings
 from raymap.model.doubt import FOOTNOTE, MARK, with_error
+from raymap.optics.cellsizes import bin_cells
 from viewer.drawn.falsecolor import COLORMAPS, apply_colormap
 from viewer.drawn.state import Region
 from viewer.paint.plots import profile
@@ -138,8 +138,12 @@ def density_facts(
         return []
     unit = f" {selected.numbers['unit']}"
     both = selected.numbers, whole.numbers
-    down, across = (slice(k * binning, (k + 1) * binning) for k in place)
-    size = float(measure.values[down, across].sum())
+    height, width = measure.sizes.shape
+    down, across = (
+        range(k * binning, min((k + 1) * binning, n))
+        for k, n in zip(place, (height, width), strict=True)
+    )
+    size = float(measure.sizes.part(down, across).sum())
     here = []
     for seen in (selected, whole):
         lit = seen.image.lit

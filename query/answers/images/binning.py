@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from raymap.model.directory import Detector
 from raymap.model.errors import RayMapError
 
-__all__ = ["bin_cells", "block_sums", "coarser", "fitting_blocks"]
+__all__ = ["block_sums", "coarser", "fitting_blocks"]
 
 
 def fitting_blocks(detector: Detector) -> list[int]:
@@ -44,6 +44,9 @@ def coarser(detector: Detector, side: int) -> Detector:
     areas = np.asarray(detector.parameters.get("cell_area", ()), np.float64)
     if areas.size == 1:
         changed["parameters"] = detector.parameters | {"cell_area": areas.item() * side**2}
+    elif areas.size == detector.cells[1]:
+        rows = areas.reshape(-1, side).sum(axis=1) * side
+        changed["parameters"] = detector.parameters | {"cell_area": rows.tolist()}
     elif areas.size:
         joined = block_sums(areas.reshape(detector.cells[::-1]), side)
         changed["parameters"] = detector.parameters | {"cell_area": joined.ravel().tolist()}
@@ -56,10 +59,3 @@ def block_sums(values: NDArray[Any], side: int) -> NDArray[Any]:
     blocks = values.reshape(rows, side, columns, side, *values.shape[2:])
     result: NDArray[Any] = blocks.sum(axis=(1, 3))
     return result
-
-
-def bin_cells(values: NDArray[np.floating], side: int) -> NDArray[np.float64]:
-    """Sums of blocks of cells; those at the far borders may hold fewer cells."""
-    for axis in (0, 1) if side > 1 else ():
-        values = np.add.reduceat(values, np.arange(0, values.shape[axis], side), axis)
-    return np.asarray(values, np.float64)

@@ -210,7 +210,7 @@ class LitCells:
                 f"detector {self.detector.name!r} is of kind {self.detector.kind} and the map does "
                 "not tell the size of its cells; use the flux per cell"
             )
-        return self.measure.values[self.row, self.column]
+        return self.measure.sizes.at(self.row, self.column)
 
     def per_measure(self, values: Floats) -> Floats:
         """(n,) values per measure of the cell; 0 beside a face."""

@@ -151,7 +151,7 @@ class DetectorImage:
         """Area of a cell [m²]; None where cells are not flat or have no known unit."""
         if self.detector.kind != "plane" or self.measure is None:
             return None
-        return float(self.measure.values[0, 0])
+        return self.measure.sizes.alike
 
     @property
     def watts(self) -> Floats:

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from query.answers.images.binning import bin_cells
 from query.answers.images.local_fits import Fit
 from query.answers.images.plane_blocks import Blocks, blocks_of_rays
 from query.engine.tally import sums as sums_of
+from raymap.optics.cellsizes import CellSizes
 
 __all__ = ["cell_fits", "plane_fits"]
 
@@ -34,7 +34,7 @@ def plane_fits(
     shares: Floats,
     variance: Floats,
     rays: Floats,
-    size: Floats,
+    sizes: CellSizes,
 ) -> Iterator[Iterator[Fit]]:
     """Means over squares of growing size, cut off at the border; of one band after another.
 
@@ -43,7 +43,7 @@ def plane_fits(
     cell : rows and columns of the cells that were met, (n,) each, row by row
     shares : (n_shares, n) flux per cell of shares of the light
     variance, rays : (n,) of the flux of all of it, and the number of its rays
-    size : (n_v, n_u) area or etendue of all cells; 0: no light comes there
+    sizes : area or etendue of the cells; 0: no light comes there
 
     Yields
     ------
@@ -52,8 +52,8 @@ def plane_fits(
     total = float(shares.sum())
     known = float(variance.sum()) / total if total > 0.0 else 0.0
     light = np.concatenate((shares, variance[None]))
-    for blocks in blocks_of_rays(*cell, rays, (size.shape[0], size.shape[1])):
-        grid = _Grid(blocks.side, cell, light, size)
+    for blocks in blocks_of_rays(*cell, rays, sizes.shape):
+        grid = _Grid(blocks.side, cell, light, sizes)
         for band in _bands(blocks):
             if (sized := grid.sized(band)).row.size:
                 yield _band_fits(grid, sized, 1e-12 * total, known)
@@ -64,7 +64,8 @@ def cell_fits(
 ) -> Iterator[Fit]:
     """The cells that were met and the largest dark one, each for itself.
 
-    For faces on which cells that are neighbours in the picture are none. Parameters as above.
+    For faces on which cells that are neighbours in the picture are none. Parameters as above,
+    but for ``size``, (n_v, n_u) of all cells.
     """
     flux = shares.sum(axis=0)
     known = float(variance.sum()) / float(flux.sum()) if flux.sum() > 0.0 else 0.0
@@ -98,21 +99,21 @@ def _bands(blocks: Blocks) -> Iterator[Blocks]:
 class _Grid:
     """Light and size of a picture in blocks of one size."""
 
-    def __init__(self, side: int, cell: tuple[Ints, Ints], light: Floats, size: Floats) -> None:
+    def __init__(self, side: int, cell: tuple[Ints, Ints], light: Floats, sizes: CellSizes) -> None:
         self.side = side
         self.row, self.column = cell[0] // side, cell[1] // side
         self.light = light
-        self.cells = size.shape
-        self.n_v, self.n_u = (-(-n // side) for n in size.shape)
-        # Cells that are alike are one number in memory: their windows are rectangles
-        self.alike = float(size[0, 0]) if size.strides == (0, 0) else None
-        self.size = bin_cells(size, side) if self.alike is None else size
+        self.cells = sizes.shape
+        self.n_v, self.n_u = (-(-n // side) for n in sizes.shape)
+        # Windows of cells that are alike are rectangles
+        self.alike = sizes.alike
+        self.sizes = sizes.joined(side) if self.alike is None else sizes
 
     def sized(self, blocks: Blocks) -> Blocks:
         """Of blocks those that have a size."""
         if self.alike is not None:
             return blocks if self.alike > 0.0 else Blocks(self.side, *np.zeros((2, 0), np.int64))
-        some = self.size[blocks.row, blocks.column] > 0.0
+        some = self.sizes.at(blocks.row, blocks.column) > 0.0
         return Blocks(self.side, blocks.row[some], blocks.column[some])
 
     def table(self, rows: range, columns: range) -> Floats:
@@ -127,8 +128,7 @@ class _Grid:
         place = ((row - rows.start) * wide + column - columns.start)[inside]
         images = [sums_of(place, image[inside], high * wide) for image in light]
         if self.alike is None:
-            part = self.size[rows.start : rows.stop, columns.start : columns.stop]
-            images.append(part.ravel())
+            images.append(self.sizes.part(rows, columns).ravel())
         table = np.zeros((high + 1, wide + 1, len(images)))
         for k, image in enumerate(images):
             table[1:, 1:, k] = image.reshape(high, wide).cumsum(axis=0).cumsum(axis=1)

@@ -22,6 +22,7 @@ from query.answers.images.plane_fits import cell_fits, plane_fits
 from raymap.model.directory import Detector
 from raymap.model.doubt import FOOTNOTE, is_doubtful, with_doubts, with_error
 from raymap.model.errors import RayMapError
+from raymap.optics.cellsizes import CellSizes, TabledSizes
 
 __all__ = ["reading_lines", "readings"]
 
@@ -50,13 +51,12 @@ def readings(
     """
     lit = image.lit
     # Cells of unknown size are of one size
-    alike = np.broadcast_to(1.0, image.detector.cells[::-1])
-    size = alike if image.measure is None else image.measure.values
-    whole = float(size[0, 0]) * size.size if size.strides == (0, 0) else float(size.sum())
-    if not whole:
+    alike = TabledSizes(np.broadcast_to(1.0, image.detector.cells[::-1]))
+    sizes = alike if image.measure is None else image.measure.sizes
+    if not (whole := sizes.total()):
         raise RayMapError(f"no cell of detector {image.detector.name!r} has a size")
     values, errors, unit = lit.quantity(quantity)
-    here = size[lit.row, lit.column]
+    here = sizes.at(lit.row, lit.column)
     flux, variance = values * here, (errors * here) ** 2
     mean = flux.sum() / whole
     # The sum of the cells is surer than cells that are independent would make it
@@ -83,7 +83,7 @@ def readings(
             for plane in beam.planes
         ]
         return with_doubts(numbers)
-    joined = _joined((lit.row, lit.column), flux, variance, size, image.detector)
+    joined = _joined((lit.row, lit.column), flux, variance, sizes, image.detector)
     peak, darkest = largest(joined), least(joined)
     numbers |= _entry("peak", *peak) | _entry("mean", mean, mean_se)
     for name, (below, below_se) in (
@@ -103,7 +103,7 @@ def _joined(
     cell: tuple[NDArray[np.int64], NDArray[np.int64]],
     flux: Floats,
     variance: Floats,
-    size: Floats,
+    sizes: CellSizes,
     detector: Detector,
 ) -> Joined:
     """Densities all over a plane, a face or a camera, from the cells that were met."""
@@ -111,8 +111,9 @@ def _joined(
     rays = float(flux.sum()) ** 2 / squares if squares > 0.0 else 0.0
     shares = shares_of(flux, variance)
     if detector.parameters.get("mapping") == "triangles":
-        return join_windows(cell_fits(cell, shares, variance, size), rays)
-    bands = plane_fits(cell, shares, variance, rays_of(flux, variance), size)
+        whole = sizes.part(*map(range, sizes.shape))
+        return join_windows(cell_fits(cell, shares, variance, whole), rays)
+    bands = plane_fits(cell, shares, variance, rays_of(flux, variance), sizes)
     return Joined.of([join_windows(fits, rays) for fits in bands])
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from query.answers.images.binning import bin_cells
+from raymap.optics.cellsizes import bin_cells
 from viewer.panels.detector import calm_binning
 
 
