@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from query.answers.selections.selection import Selection
     from query.answers.selections.selector import select, select_many
     from query.answers.what_if.effect import Effect, effect, what_if
+    from query.answers.what_if.sensitivity import Sensitivity, sensitivity
     from query.atoms.angle_of_polarisation import angle_of_polarisation
     from query.atoms.bounces import bounces
     from query.atoms.count import count
@@ -64,6 +65,7 @@ _LAZY = {
     "PathTable": "query.answers.paths.tables",
     "Progress": "query.engine.scan",
     "Selection": "query.answers.selections.selection",
+    "Sensitivity": "query.answers.what_if.sensitivity",
     "SweepRow": "query.answers.reports.sweeps",
     "all_": "query.atoms.event",
     "angle_of_polarisation": "query.atoms.angle_of_polarisation",
@@ -100,6 +102,7 @@ _LAZY = {
     "report": "query.answers.reports.ray_report",
     "select": "query.answers.selections.selector",
     "select_many": "query.answers.selections.selector",
+    "sensitivity": "query.answers.what_if.sensitivity",
     "source": "query.atoms.source",
     "sweep": "query.answers.reports.sweeps",
     "translate": "query.answers.filter_strings",
@@ -126,6 +129,7 @@ __all__ = [
     "PathTable",
     "Progress",
     "Selection",
+    "Sensitivity",
     "SweepRow",
     "all_",
     "angle_of_polarisation",
@@ -164,6 +168,7 @@ __all__ = [
     "report",
     "select",
     "select_many",
+    "sensitivity",
     "source",
     "sweep",
     "translate",

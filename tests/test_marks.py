@@ -15,6 +15,8 @@ import query
 import raymap
 from raymap.model.doubt import FOOTNOTE, MARK, is_doubtful, with_doubts, with_error
 from tests.query.random_maps import write_random_map
+from tracer import parse_scene
+from tracer.run.recording import record
 
 SCENE = """
 length_unit = "mm"
@@ -38,6 +40,17 @@ looks = [0, 0, -1]
 size = [8, 8]
 cells = [4, 4]
 """
+PLATE = """
+[media.glass]
+index = 1.5
+absorption = 0.001
+
+[bodies.plate]
+kind = "box"
+position = [0, 0, 5]
+size = [30, 30, 2]
+medium = "glass"
+"""
 MATERIAL = """
 [media.opal]
 index = 1.5
@@ -57,6 +70,7 @@ NOISY = {
     "sweep": ["sweep", "MAP", "screen", "event(tir)"],
     "compare": ["compare", "MAP", "OTHER", "--top", "9"],
     "what-if": ["what-if", "MAP", 'hit("L1")', "--set", "lamp.flux=5", "--top", "9"],
+    "sensitivity": ["sensitivity", "PLATE", "event(reflected)", "--top", "99"],
     "image": ["image", "MAP", "screen", "event(tir)", "-o", "OUT.png"],
     "chart": ["chart", "MAP", "screen", "-o", "OUT.png"],
     "record": ["record", "SCENE", "--rays", "60", "--no-rays", "-o", "OUT.raymap", "--force"],
@@ -80,8 +94,10 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
         write_random_map(folder / f"{name}.raymap", seed, rays=70, paths=40)
     (folder / "scene.toml").write_text(SCENE, encoding="utf-8")
     (folder / "opal.toml").write_text(MATERIAL, encoding="utf-8")
+    record(parse_scene(SCENE + PLATE), folder / "PLATE.raymap", rays=300, seed=1)
     return {
         "MAP": str(folder / "MAP.raymap"),
+        "PLATE": str(folder / "PLATE.raymap"),
         "OTHER": str(folder / "OTHER.raymap"),
         "SCENE": str(folder / "scene.toml"),
         "MATERIAL": str(folder / "opal.toml"),

@@ -55,6 +55,7 @@ COMMANDS = {
     "sweep": f"{MAP} sensor",
     "compare": f"{MAP} {MAP}",
     "what-if": f"{MAP} --scene <scene.toml",
+    "sensitivity": MAP,
     "image": f"{MAP} sensor -o >image.png",
     "picture": f"{MAP} -o >picture.png --session <session.json",
     "chart": f"{MAP} sensor -o >chart.svg",

@@ -55,6 +55,7 @@ WORDS: dict[str, list[str]] = {
     "sweep": ["a.raymap", "sensor"],
     "compare": ["a.raymap", "a.raymap"],
     "what-if": ["a.raymap", "--set", "lamp.flux=2"],
+    "sensitivity": ["a.raymap"],
     "image": ["a.raymap", "sensor", "-o", "a.tiff"],
     "picture": ["a.raymap", "-o", "a.png"],
     "chart": ["a.raymap", "sensor", "-o", "chart.png"],

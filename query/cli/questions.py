@@ -17,6 +17,7 @@ from query.cli.options import (
     workers,
 )
 from query.cli.rayfile import rayfile
+from query.cli.sensitivity import sensitivity
 from query.cli.studies import audit, compare, ghosts, illuminated, sweep
 from query.cli.what_if import what_if
 from raymap.cli.options import Json, MapPath, Panel, Strict, emit_json, opened_map
@@ -41,6 +42,7 @@ def register(app: typer.Typer) -> None:
     app.command("sweep", rich_help_panel=Panel.ASK)(sweep)
     app.command("compare", rich_help_panel=Panel.ASK)(compare)
     app.command("what-if", rich_help_panel=Panel.ASK)(what_if)
+    app.command("sensitivity", rich_help_panel=Panel.ASK)(sensitivity)
 
 
 def query(

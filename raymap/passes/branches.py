@@ -8,14 +8,18 @@ is scattered.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from raymap.encoding.paths import PathDictionary
+from raymap.model.errors import DamagedPortion
 from raymap.model.events import Event
 from raymap.model.schema import NONE
+
+if TYPE_CHECKING:
+    from raymap.file.reader import RayMap
 
 __all__ = [
     "ABSORBED",
@@ -28,6 +32,7 @@ __all__ = [
     "Partners",
     "branch_of_events",
     "media_before",
+    "partners_of",
 ]
 
 Ints = NDArray[np.integer[Any]]
@@ -97,3 +102,25 @@ class Partners:
         if own is None:
             own = {beyond for other in others for beyond in self._beyond.get((other, medium), ())}
         return tuple(sorted(own))
+
+
+def partners_of(map: RayMap) -> Partners:
+    """What all paths of a map show of the media beyond its faces.
+
+    Raises
+    ------
+    DamagedPortion
+        unless the map was opened with ``on_damage="skip"``
+    """
+    partners = Partners()
+    merged = map.merged
+    if merged is not None:
+        partners.learn(merged.paths)
+    for portion in map.portions:
+        if merged is None or not portion.has_paths:
+            try:
+                partners.learn(portion.paths())
+            except DamagedPortion:
+                if map.on_damage == "raise":
+                    raise
+    return partners

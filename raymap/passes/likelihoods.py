@@ -130,6 +130,17 @@ class Likelihoods:
             return self._specular(branch, met)
         return self._scattered(branch, met)
 
+    def shares_met(self, branch: int, met: Incidence) -> tuple[F64, F64]:
+        """(n_channels, n) shares that go back and through, of whatever branch."""
+        return self._shares(met.n_i, met.n_o, self.cosine_met(branch, met))
+
+    def cosine_met(self, branch: int, met: Incidence) -> F64:
+        """(n,) cosine of the angle of incidence: at the facet that scattered, where rough."""
+        rough = getattr(self.law, "roughness", 0.0) > 0.0
+        if rough and branch in (SCATTERED_BACK, SCATTERED_THROUGH):
+            return self._facet_cosine(branch, met)
+        return met.cos_i
+
     def share(self, branch: int, met: Incidence) -> F64:
         """(n_channels, n) share of the light that takes a branch, to whatever direction."""
         if branch not in (SCATTERED_BACK, SCATTERED_THROUGH):
@@ -192,17 +203,20 @@ class Likelihoods:
 
     def _facet(self, branch: int, met: Incidence) -> F64:
         """Share at the facet that the light met, up to the distribution of facets."""
+        if branch == SCATTERED_THROUGH and not isinstance(self.law, RoughLaw):
+            return np.zeros((len(met.n_i), len(met.cos_i)))
+        back, through = self._shares(met.n_i, met.n_o, self._facet_cosine(branch, met))
+        return back if branch == SCATTERED_BACK else through
+
+    def _facet_cosine(self, branch: int, met: Incidence) -> F64:
         if branch == SCATTERED_BACK:
             half = met.wi + met.wo
-        elif isinstance(self.law, RoughLaw):
+        else:
             # The facet that refracts (Walter et al., EGSR 2007, eq. 16), at the first channel
             half = -(met.n_i[0] * met.wi + met.n_o[0] * met.wo)
-        else:
-            return np.zeros((len(met.n_i), len(met.cos_i)))
         length = np.maximum(np.linalg.norm(half, axis=1), 1e-300)
-        cosine = np.clip(np.abs((met.wi * half).sum(axis=1)) / length, 0.0, 1.0)
-        back, through = self._shares(met.n_i, met.n_o, cosine)
-        return back if branch == SCATTERED_BACK else through
+        cosine: F64 = np.clip(np.abs((met.wi * half).sum(axis=1)) / length, 0.0, 1.0)
+        return cosine
 
 
 def _from_tables(tables: F64) -> Callable[..., tuple[F64, F64]]:

@@ -27,16 +27,16 @@ from raymap.model.directory import ChannelSet, Source
 from raymap.model.errors import DamagedPortion, RayMapError
 from raymap.model.rows import squares_by_emission
 from raymap.model.schema import COLOR_SCALE
-from raymap.passes.branches import Partners
+from raymap.passes.branches import Partners, partners_of
 from raymap.passes.reweighting import ChangedLaws, Reweighting, Unseen
 
-__all__ = ["RevisedMap", "RevisedPortion"]
+__all__ = ["LOOKED_AT", "RevisedMap", "RevisedPortion"]
 
 F64 = NDArray[np.float64]
 
 _KEPT = 16
 """Portions whose rays' weights are kept: of a large map they would fill the memory."""
-_LOOKED_AT = 8
+LOOKED_AT = 8
 """Portions from which it is estimated what changes open."""
 
 
@@ -251,6 +251,10 @@ class RevisedMap(RayMap):
                 )
             return self._reweightings[channel_set]
 
+    def changed(self, channel_set: int) -> ChangedLaws:
+        """What is different, in a channel set."""
+        return self._changed[channel_set]
+
     def remember(self, portion: RevisedPortion) -> None:
         """Keep what was computed of a portion's rays, and give back that of the oldest one."""
         with self._recent_lock:
@@ -260,17 +264,7 @@ class RevisedMap(RayMap):
 
     def _known_partners(self) -> Partners:
         if self._partners is None:
-            self._partners = Partners()
-            merged = self.base.merged
-            if merged is not None:
-                self._partners.learn(merged.paths)
-            for portion in self.base.portions:
-                if merged is None or not portion.has_paths:
-                    try:
-                        self._partners.learn(portion.paths())
-                    except DamagedPortion:
-                        if self.on_damage == "raise":
-                            raise
+            self._partners = partners_of(self.base)
         return self._partners
 
     @property
@@ -356,7 +350,7 @@ class RevisedMap(RayMap):
         Sums are scaled to all rays of the map.
         """
         found: dict[tuple[int, int], F64] = {}
-        some = [portion for portion in self.base.portions if portion.n_rays][:_LOOKED_AT]
+        some = [portion for portion in self.base.portions if portion.n_rays][:LOOKED_AT]
         seen = np.zeros(len(self.directory.sources))
         for portion in some:
             seen += portion.emitted

@@ -53,7 +53,7 @@ from raymap.passes.likelihoods import (
     same_facets,
 )
 
-__all__ = ["ChangedLaws", "MediumChange", "Reweighting", "Unseen"]
+__all__ = ["ChangedLaws", "MediumChange", "Meeting", "Read", "Reweighting", "Unseen"]
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
@@ -95,7 +95,7 @@ class Unseen(NamedTuple):
     by_source: F64
 
 
-class _Class(NamedTuple):
+class Meeting(NamedTuple):
     """One thing that happens: at a face, from a medium into one, by a branch."""
 
     face: int
@@ -125,13 +125,13 @@ class Reweighting:
         self._laws = {
             id(law): Likelihoods(law, channels) for pair in changed.faces.values() for law in pair
         }
-        self._classes: dict[_Class, tuple[F64, F64]] = {}
+        self._classes: dict[Meeting, tuple[F64, F64]] = {}
         self._lock = threading.Lock()
         self.impossible = 0
 
     # -- what happens --------------------------------------------------------------------------
 
-    def _points(self, paths: PathDictionary) -> tuple[I64, list[_Class], NDArray[np.int32]]:
+    def _points(self, paths: PathDictionary) -> tuple[I64, list[Meeting], NDArray[np.int32]]:
         """Points of paths where a changed face decided, the classes there, and whose is which."""
         branch = branch_of_events(paths.event)
         points = np.flatnonzero(self._is_changed[paths.face] & (branch != NONE))
@@ -149,13 +149,13 @@ class Reweighting:
             [column[points].astype(np.int64) for column in (paths.face, before, after, branch)], 1
         )
         distinct, own = np.unique(keys, axis=0, return_inverse=True)
-        return points, [_Class(*row) for row in distinct.tolist()], own.ravel().astype(np.int32)
+        return points, [Meeting(*row) for row in distinct.tolist()], own.ravel().astype(np.int32)
 
-    def _is_even(self, kind: _Class) -> bool:
+    def _is_even(self, kind: Meeting) -> bool:
         old, new = self.changed.faces[kind.face]
         return is_even(old, kind.branch) and is_even(new, kind.branch)
 
-    def _indices(self, kind: _Class) -> tuple[F64, F64]:
+    def indices(self, kind: Meeting) -> tuple[F64, F64]:
         """Refractive indices before and beyond, by channel."""
         known = self._classes.get(kind)
         if known is None:
@@ -163,7 +163,7 @@ class Reweighting:
                 known = self._classes[kind] = self._find_indices(kind)
         return known
 
-    def _find_indices(self, kind: _Class) -> tuple[F64, F64]:
+    def _find_indices(self, kind: Meeting) -> tuple[F64, F64]:
         ones = np.ones(self.n_channels)
         laws = self.changed.faces[kind.face]
         if not any(needs_index(law) or _is_metal(law) for law in laws):
@@ -232,8 +232,8 @@ class Reweighting:
         of_path, whole = self.of_paths(portion.paths())
         factors: F64 = of_path[portion.path_numbers()]
         if not whole.all():
-            read = _Read(portion)
-            for kind, records, rays, met in self._met(read, even=False):
+            read = Read(portion)
+            for kind, records, rays, met in self.meetings(read, even=False):
                 del records
                 _multiply(factors, rays, self._ratios(kind, met))
             for records, ratios in self._in_media(read):
@@ -242,23 +242,28 @@ class Reweighting:
 
     def along_rays(self, portion: StoredPortion) -> F64:
         """(n_records, n_channels) factors of what happened up to each record, it included."""
-        return self._along(_Read(portion))
+        return self._along(Read(portion))
 
-    def _along(self, read: _Read) -> F64:
+    def _along(self, read: Read) -> F64:
         factors = np.ones((read.portion.n_records, self.n_channels))
         if self.changed.sources is not None:
             factors[read.offsets[:-1]] = self.changed.sources[read.portion.column("source")]
-        for kind, records, _, met in self._met(read, even=True):
+        for kind, records, _, met in self.meetings(read, even=True):
             factors[records] *= self._ratios(kind, met).T
         for records, ratios in self._in_media(read):
             factors[records] *= ratios.T
         _accumulate(read.offsets, factors)
         return factors
 
-    def _met(self, read: _Read, *, even: bool) -> Iterator[tuple[_Class, I64, I64, Incidence]]:
+    def meetings(
+        self, read: Read, *, even: bool, rays: NDArray[np.bool_] | None = None
+    ) -> Iterator[tuple[Meeting, I64, I64, Incidence]]:
         """What happened at changed faces: records, rays and angles by class.
 
-        ``even``: also what is as likely at every angle.
+        Parameters
+        ----------
+        even : also what is as likely at every angle
+        rays : (n_rays,) of which; None: of all
         """
         points, kinds, own = self._points(read.paths)
         wanted = np.array([even or not self._is_even(kind) for kind in kinds], np.bool_)
@@ -267,16 +272,16 @@ class Reweighting:
         class_of = np.full(len(read.paths.event), NONE, np.int32)
         chosen = wanted[own]
         class_of[points[chosen]] = own[chosen]
-        records, rays, ends = _records_of(class_of, len(kinds), read)
+        records, met_by, ends = _records_of(class_of, len(kinds), read, rays)
         faces = np.repeat([kind.face for kind in kinds], np.diff(ends))
         normal = read.portion.normals_at(records, faces, read.position)
         for number, kind in enumerate(kinds):
             part = slice(int(ends[number]), int(ends[number + 1]))
             if wanted[number]:
                 met = _incidence(read.position, normal[part], records[part], kind)
-                yield kind, records[part], rays[part], met
+                yield kind, records[part], met_by[part], met
 
-    def _ratios(self, kind: _Class, met: Incidence) -> F64:
+    def _ratios(self, kind: Meeting, met: Incidence) -> F64:
         """(n_channels, n) new over old likelihood; 0 where the old law never did this."""
         old, new = self.changed.faces[kind.face]
         if kind.branch == TOTAL and is_total(old) and is_total(new):
@@ -286,7 +291,7 @@ class Reweighting:
                 f"the roughness of {self.directory.faces.names[kind.face]!r} cannot be changed "
                 "after the trace: what it scattered says nothing of where else light would go"
             )
-        n_i, n_o = self._indices(kind)
+        n_i, n_o = self.indices(kind)
         met = met._replace(n_i=n_i, n_o=n_o)
         before = self._laws[id(old)].of(kind.branch, met)
         after = self._laws[id(new)].of(kind.branch, met)
@@ -295,7 +300,7 @@ class Reweighting:
             self.impossible += int(impossible.sum())
         return np.divide(after, before, out=np.zeros_like(after), where=before > 0.0)
 
-    def _in_media(self, read: _Read) -> Iterator[tuple[I64, F64]]:
+    def _in_media(self, read: Read) -> Iterator[tuple[I64, F64]]:
         """Records at the end of ways in changed media, and factors of these, by medium."""
         if not self.changed.media:
             return
@@ -330,12 +335,12 @@ class Reweighting:
         """Branches of changed faces that the old law never took and the new one does."""
         if not self.changed.faces:
             return []
-        read = _Read(portion)
+        read = Read(portion)
         along = self._along(read)
         weight, source = portion.column("weight"), portion.column("source")
         codes = portion.column("color_code")
         found: dict[tuple[int, int], F64] = {}
-        for kind, records, rays, met in self._met(read, even=True):
+        for kind, records, rays, met in self.meetings(read, even=True):
             if kind.branch == TOTAL and all(map(is_total, self.changed.faces[kind.face])):
                 continue
             before = records - 1
@@ -350,9 +355,9 @@ class Reweighting:
                     found[key] = found.get(key, np.zeros(len(more))) + more
         return [Unseen(face, branch, sums) for (face, branch), sums in found.items() if sums.any()]
 
-    def _opened(self, kind: _Class, branch: int, met: Incidence) -> F64:
+    def _opened(self, kind: Meeting, branch: int, met: Incidence) -> F64:
         """(n_channels, n) new share of a branch where the old share is 0."""
-        n_i, n_o = self._indices(kind)
+        n_i, n_o = self.indices(kind)
         met = met._replace(n_i=n_i, n_o=n_o)
         before, after = (
             self._laws[id(law)].share(branch, met) for law in self.changed.faces[kind.face]
@@ -360,7 +365,7 @@ class Reweighting:
         return np.where(before > 0.0, 0.0, after)
 
 
-class _Read:
+class Read:
     """What one computation asks a portion more than once."""
 
     def __init__(self, portion: StoredPortion) -> None:
@@ -380,7 +385,7 @@ class _Read:
 
 
 def _incidence(
-    position: NDArray[np.float32], normal: NDArray[np.int16], records: I64, kind: _Class
+    position: NDArray[np.float32], normal: NDArray[np.int16], records: I64, kind: Meeting
 ) -> Incidence:
     cos_i = np.empty(len(records))
     if len(records) and not 0 < int(records.min()) <= int(records.max()) < len(position):
@@ -428,12 +433,15 @@ def _fill_phases(row: F64, table: F64, cosine: F64, found: F64) -> None:
         found[i] = eval_phase(row, table, cosine[i])
 
 
-def _records_of(class_of: NDArray[np.int32], n_classes: int, read: _Read) -> tuple[I64, I64, I64]:
+def _records_of(
+    class_of: NDArray[np.int32], n_classes: int, read: Read, chosen: NDArray[np.bool_] | None
+) -> tuple[I64, I64, I64]:
     """Records and rays of all points of a class, class after class.
 
     Parameters
     ----------
     class_of : (n_points,) class of each point of the paths, -1 none
+    chosen : (n_rays,) of which rays; None: of all
 
     Returns
     -------
@@ -442,7 +450,9 @@ def _records_of(class_of: NDArray[np.int32], n_classes: int, read: _Read) -> tup
     paths = read.paths
     if not np.array_equal(np.diff(paths.offsets)[read.numbers], np.diff(read.offsets)):
         raise FormatError("paths of rays do not account for their records")
-    rays_of = np.bincount(read.numbers, minlength=paths.n_paths)
+    if chosen is None:
+        chosen = np.ones(len(read.numbers), np.bool_)
+    rays_of = np.bincount(read.numbers[chosen], minlength=paths.n_paths)
     taken = np.repeat(rays_of, np.diff(paths.offsets))
     here = class_of >= 0
     counts = np.bincount(class_of[here], taken[here], n_classes).astype(np.int64)
@@ -450,20 +460,20 @@ def _records_of(class_of: NDArray[np.int32], n_classes: int, read: _Read) -> tup
     asked = np.concatenate(([0], np.cumsum(here)))[paths.offsets]
     records, rays = np.empty((2, int(ends[-1])), np.int64)
     _fill_records(
-        read.numbers, paths.offsets, read.offsets, class_of, np.diff(asked) > 0, ends[:-1].copy(),
-        records, rays,
+        read.numbers, paths.offsets, read.offsets, class_of, np.diff(asked) > 0, chosen,
+        ends[:-1].copy(), records, rays,
     )  # fmt: skip
     return records, rays, ends
 
 
 @lean_kernel
 def _fill_records(
-    numbers: Any, path_offsets: I64, record_offsets: I64, class_of: Any, asked: Any, place: I64,
-    records: I64, rays: I64,
+    numbers: Any, path_offsets: I64, record_offsets: I64, class_of: Any, asked: Any, chosen: Any,
+    place: I64, records: I64, rays: I64,
 ) -> None:  # fmt: skip
     for ray in range(len(numbers)):
         path = numbers[ray]
-        if not asked[path]:
+        if not asked[path] or not chosen[ray]:
             continue
         first, record = path_offsets[path], record_offsets[ray]
         for i in range(path_offsets[path + 1] - first):
