@@ -150,11 +150,12 @@ def _design(path: Path) -> dict[str, Any]:
 
 
 def _print_result(result: RecordResult, output: Path | None) -> None:
-    from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
-    console = Console(soft_wrap=True, highlight=False)
+    from raymap.cli.terminal import console as make_console
+
+    console = make_console(soft_wrap=True)
     size = f", {result.bytes:,} bytes" if output else ""
     console.print(
         f"{result.rays:,} rays, {result.records:,} records{size} in {result.seconds:.2f} s "
@@ -205,9 +206,9 @@ class _Display:
         self.live: Any = None
 
     def __enter__(self) -> _Display:
-        from rich.console import Console
+        from raymap.cli.terminal import console as make_console
 
-        console = Console(stderr=True)
+        console = make_console(stderr=True)
         if not self.quiet and console.is_terminal:
             from rich.live import Live
 

@@ -61,6 +61,8 @@ def progress_line(json: bool) -> Any:
     import sys
     import time
 
+    from raymap.cli.terminal import live_line
+
     if json or not sys.stderr.isatty():
         return None
     state = {"start": time.monotonic(), "last": 0.0}
@@ -72,7 +74,6 @@ def progress_line(json: bool) -> Any:
         state["last"] = now
         done = progress.portions_done == progress.portions
         text = f"{progress.fraction:4.0%}  {progress.matched:,} rays"
-        sys.stderr.write(f"\r\x1b[K{'' if done else text}")
-        sys.stderr.flush()
+        live_line("" if done else text)
 
     return show

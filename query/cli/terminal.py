@@ -11,6 +11,7 @@ from rich.text import Text
 
 from query.answers.paths.tables import PathTable
 from query.answers.selections.selection import Selection
+from raymap.cli.terminal import console as make_console
 from raymap.model.doubt import FOOTNOTE, is_doubtful, marked
 from raymap.model.plaintext import plain_text
 from raymap.optics.colorimetry import encode_srgb
@@ -26,7 +27,7 @@ _LONGEST, _WORTH = 8, 4
 
 
 def _console() -> Console:
-    console = Console(highlight=False, soft_wrap=False)
+    console = make_console(soft_wrap=False)
     if not console.is_terminal:
         console.width = _FILE_WIDTH
     return console

@@ -64,13 +64,13 @@ def what_if(
 
 
 def _print(found: Effect, rows: list[dict[str, Any]], unit: str) -> None:
-    from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
     from query.answers.what_if.effect import FEWEST
+    from raymap.cli.terminal import console as make_console
 
-    console = Console(soft_wrap=True, highlight=False)
+    console = make_console(soft_wrap=True)
     if not found.rays:
         bound = found.after.bound_95 or 0.0
         console.print(

@@ -16,6 +16,7 @@ import typer
 from typer.core import TyperCommand
 
 from raymap.cli.options import Panel
+from raymap.cli.terminal import plain_streams
 from raymap.model.errors import CriterionError, RayMapError
 from raymap.model.parts import missing_part
 from raymap.model.plaintext import plain_text
@@ -71,8 +72,10 @@ def application(asked: str = "") -> typer.Typer:
                 raise
     only = [command for command in app.registered_commands if command.name == asked]
     app.registered_commands = only or sorted(app.registered_commands, key=_place_in_list)
-    for command in app.registered_commands:
-        command.cls = _Command
+    groups = [group.typer_instance for group in app.registered_groups]
+    for each in (app, *filter(None, groups)):
+        for command in each.registered_commands:
+            command.cls = _Command
     return app
 
 
@@ -84,7 +87,7 @@ def _place_in_list(command: Any) -> int:
 
 
 class _Command(TyperCommand):
-    """A command whose help keeps what stands in square brackets, such as units."""
+    """A command whose help keeps what stands in square brackets; it prints texts plainly."""
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         from rich.markup import escape
@@ -94,6 +97,11 @@ class _Command(TyperCommand):
             if text:
                 parameter.help = escape(text)  # type: ignore[attr-defined]
         super().format_help(ctx, formatter)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command; texts of files that it prints do nothing to a terminal."""
+        with plain_streams():
+            return super().invoke(ctx)
 
 
 def _print_version(asked: bool) -> None:

@@ -173,11 +173,12 @@ def _print_scene(directory: Directory, json: bool) -> None:
 
 
 def _print_summary(summary: dict[str, Any]) -> None:
-    from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
-    console = Console(soft_wrap=True, highlight=False)
+    from raymap.cli.terminal import console as make_console
+
+    console = make_console(soft_wrap=True)
     per_record = summary["bytes_per_record"]
     state = "finished" if summary["finished"] else "unfinished (still written, or interrupted)"
     console.print(

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from raymap.model.errors import DamagedPortion, DamageWarning
-from raymap.model.plaintext import plain_text
+from raymap.model.plaintext import plain_json, plain_text
 
 if TYPE_CHECKING:
     from raymap.file.reader import RayMap
@@ -56,8 +56,8 @@ Strict = Annotated[bool, typer.Option("--strict", help="Fail at damage instead o
 
 def emit_json(value: Any) -> None:
     """Print a value as JSON, and nothing else, on stdout."""
-    json.dump(value, sys.stdout, ensure_ascii=False, default=_plain)
-    sys.stdout.write("\n")
+    # Within a text of JSON such characters can only stand in strings
+    sys.stdout.write(plain_json(json.dumps(value, ensure_ascii=False, default=_plain)) + "\n")
 
 
 def _plain(value: Any) -> Any:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 
-__all__ = ["plain_text"]
+__all__ = ["plain_json", "plain_lines", "plain_text"]
 
 # Control characters (C0, DEL, C1), line and paragraph separators, marks, embeddings, overrides and
 # isolates of direction (Unicode Standard Annex 9), the mark of byte order, lone surrogates
@@ -21,6 +21,24 @@ _ACTIVE = re.compile(
 def plain_text(text: str) -> str:
     """A text in which every character that acts on its surroundings is spelt out."""
     return _ACTIVE.sub(_spelt, text)
+
+
+def plain_lines(text: str) -> str:
+    """The same for a text of several lines: their ends and tabs stay."""
+    return _ACTIVE.sub(_spelt_within, text)
+
+
+def plain_json(text: str) -> str:
+    """A JSON text of the same value without such characters: they stand as escapes of JSON."""
+    return _ACTIVE.sub(_escaped, text)
+
+
+def _spelt_within(found: re.Match[str]) -> str:
+    return found[0] if found[0] in "\n\t" else _spelt(found)
+
+
+def _escaped(found: re.Match[str]) -> str:
+    return f"\\u{ord(found[0]):04x}"
 
 
 def _spelt(found: re.Match[str]) -> str:

@@ -198,6 +198,127 @@ def test_nodes_and_primitives_of_a_mesh_file_are_paid_for(tmp_path, content, wor
     assert "\n" not in str(found.value)
 
 
+_ZEROS = {"componentType": 5126, "count": 3 * 2**18, "type": "VEC3"}
+_VIEW = {"bufferView": 0, "componentType": 5126, "count": 87_381, "type": "VEC3"}
+
+
+def _glb(accessors, primitives, nodes=1, views=(), data=b""):
+    """A glTF file of one mesh, whose tables without a view have no bytes."""
+    text = json.dumps(
+        {
+            "asset": {"version": "2.0"},
+            "scene": 0,
+            "scenes": [{"nodes": list(range(nodes))}],
+            "nodes": [{"mesh": 0}] * nodes,
+            "meshes": [{"primitives": primitives}],
+            "accessors": accessors,
+            "bufferViews": list(views),
+            "buffers": [{"byteLength": len(data)}] if data else [],
+        }
+    ).encode()
+    text += b" " * (-len(text) % 4)
+    body = struct.pack("<I4s", len(text), b"JSON") + text
+    if data:
+        body += struct.pack("<I4s", len(data), b"BIN\0") + data
+    return b"glTF" + struct.pack("<II", 2, 12 + len(body)) + body
+
+
+_ONE = {"attributes": {"POSITION": 0}}
+_VIEWED = {"buffer": 0, "byteLength": 2**20}
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        _glb([_ZEROS], [_ONE] * 64),
+        _glb([_ZEROS], [_ONE], nodes=64),
+        _glb([_ZEROS], [_ONE | {"mode": 5}] * 2),
+        _glb([_ZEROS], [_ONE | {"mode": 1}] * 64 + [_ONE]),
+        _glb([_ZEROS], [{"attributes": dict.fromkeys(("POSITION", "NORMAL", "_A", "_B"), 0)}]),
+        _glb([_ZEROS | {"type": "MAT4"}] * 1000, [_ONE]),
+        _glb([_VIEW] * 500, [_ONE], views=[_VIEWED], data=bytes(2**20)),
+        _glb([_VIEW], [_ONE], views=[_VIEWED] * 500, data=bytes(2**20)),
+    ],
+)
+def test_all_that_is_made_of_a_mesh_file_is_paid_for(tmp_path, content):
+    """The sum over tables, primitives and placements, though each of them is small enough."""
+    pytest.importorskip("trimesh")
+    (tmp_path / "a.glb").write_bytes(content)
+    tracemalloc.start()
+    with pytest.raises(SceneError, match=r"'a': a\.glb makes \d+ bytes of tables"):
+        load_mesh(tmp_path / "a.glb")
+    assert tracemalloc.get_traced_memory()[1] < 2**24
+    tracemalloc.stop()
+
+
+@pytest.mark.filterwarnings("ignore:.*have no area")
+def test_a_mesh_file_may_place_a_part_a_thousand_times(tmp_path):
+    """100 triangles, each node at a place of its own: 100,000 triangles of 30 kB."""
+    pytest.importorskip("trimesh")
+
+    def many(described):
+        described["nodes"] = [{"mesh": 0, "translation": [0, 0, k]} for k in range(1000)]
+        described["scenes"][0]["nodes"] = list(range(1000))
+
+    (tmp_path / "a.glb").write_bytes(_changed(many))
+    # Points of the part lie on a line
+    with pytest.raises(SceneError, match="no triangle has an area"):
+        load_mesh(tmp_path / "a.glb", solid=False)
+
+
+@pytest.mark.filterwarnings("ignore:.*have no area")
+def test_a_buffer_that_is_named_often_is_read_once(tmp_path):
+    pytest.importorskip("trimesh")
+    (tmp_path / "shared.bin").write_bytes(bytes(2**22))
+    described = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [_ONE]}],
+        "accessors": [_ZEROS | {"count": 3}],
+        "bufferViews": [],
+        "buffers": [{"uri": "shared.bin", "byteLength": 2**22}] * 100,
+    }
+    (tmp_path / "a.gltf").write_text(json.dumps(described))
+    tracemalloc.start()
+    with pytest.raises(SceneError, match="no triangle has an area"):
+        load_mesh(tmp_path / "a.gltf", solid=False)
+    assert tracemalloc.get_traced_memory()[1] < 2**25
+    tracemalloc.stop()
+
+
+@pytest.mark.parametrize("name", ["a.obj", "a.ply"])
+def test_textures_are_not_looked_at(tmp_path, monkeypatch, name):
+    """They cost what their pixels cost, and EPS starts another program."""
+    pytest.importorskip("trimesh")
+    images = pytest.importorskip("PIL.Image")
+
+    def opened(*given, **options):
+        raise AssertionError("a texture was opened")
+
+    monkeypatch.setattr(images, "open", opened)
+    (tmp_path / "a.eps").write_bytes(b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n")
+    (tmp_path / "m.mtl").write_text("newmtl red\nmap_Kd a.eps\nnewmtl blue\nmap_Kd a.eps\n")
+    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\n"
+    uses = "".join(f"usemtl {name}\nf 1/1 2/1 3/1\n" for name in ("red", "blue"))
+    (tmp_path / "a.obj").write_text("mtllib m.mtl\n" + corners + uses)
+    head = "ply\nformat ascii 1.0\ncomment TextureFile a.eps\nelement vertex 3\n"
+    head += "".join(f"property float {axis}\n" for axis in "xyzst")
+    head += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    (tmp_path / "a.ply").write_text(head + "0 0 0 0 0\n1 0 0 0 0\n0 1 0 0 0\n3 0 1 2\n")
+    found = load_mesh(tmp_path / name, solid=False)
+    # Materials of OBJ still name faces
+    assert found.face_names == (("blue", "red") if name == "a.obj" else ("surface",))
+
+
+def test_solids_of_an_stl_text_are_paid_for(tmp_path):
+    pytest.importorskip("trimesh")
+    facet = "facet normal 0 0 1\nouter loop\n" + "vertex 0 0 0\n" * 3 + "endloop\nendfacet\n"
+    (tmp_path / "a.stl").write_text(f"solid a\n{facet}endsolid a\n" * 5000)
+    with pytest.raises(SceneError, match=r"a\.stl has 5000 nodes, primitives or groups"):
+        load_mesh(tmp_path / "a.stl")
+
+
 def test_groups_of_an_obj_file_are_paid_for(tmp_path):
     pytest.importorskip("trimesh")
     text = "v 0 0 0\nv 1 0 0\nv 0 1 0\n" + "g a\nf 1 2 3\n" * 5000

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Collection
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -31,15 +32,24 @@ milliseconds for each."""
 
 
 class _Beside:
-    """Files that a mesh file names (buffers, materials): named by the scene through it."""
+    """Files that a mesh file names (buffers, materials): named by the scene through it.
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    Textures are not among them: nothing looks at their pixels, which may be many, and what draws
+    a picture of a strange format is another program.
+    """
+
+    def __init__(self, folder: Path, names: Collection[str]) -> None:
+        self.folder, self.names = folder, names
+        self._known: dict[str, bytes] = {}
 
     def get(self, name: str) -> bytes:
-        """The bytes of a file beside the mesh file."""
-        place = named_file(self.folder, name.strip())
-        return given_bytes(place, "file", SceneError, largest=_LARGEST_BYTES)
+        """The bytes of a file beside the mesh file; those of a file that is named twice, once."""
+        if name not in self.names:
+            raise FileNotFoundError(f"{name} is not read")
+        if name not in self._known:
+            place = named_file(self.folder, name.strip())
+            self._known[name] = given_bytes(place, "file", SceneError, largest=_LARGEST_BYTES)
+        return self._known[name]
 
     __getitem__ = get
 
@@ -57,7 +67,12 @@ class _Named(BytesIO):
 
 
 def read_with_trimesh(
-    file: Path, where: str, *, named_by_file: bool = False, **options: Any
+    file: Path,
+    where: str,
+    *,
+    named_by_file: bool = False,
+    beside: Collection[str] = (),
+    **options: Any,
 ) -> MeshArrays:
     """Vertices, triangles, and for each triangle its group and colour.
 
@@ -65,6 +80,7 @@ def read_with_trimesh(
     ----------
     where : as messages begin
     named_by_file : trimesh calls a part without a name as the file
+    beside : names of further files that may be read, as the file gives them
     options : of trimesh's loader
     """
     try:
@@ -75,7 +91,7 @@ def read_with_trimesh(
         ) from error
     # What trimesh logs of files that it cannot read stands in our error
     logging.getLogger("trimesh").addHandler(logging.NullHandler())
-    options |= {"process": False, "resolver": _Beside(file.parent)}
+    options |= {"process": False, "resolver": _Beside(file.parent, beside)}
     try:
         given = file.read_bytes()
         changed = with_triangles(given, file.suffix, f"{where}: {file.name}")

@@ -38,8 +38,9 @@ def faces(
 
 
 def _print(listed: dict[str, Any]) -> None:
-    from rich.console import Console
     from rich.table import Table
+
+    from raymap.cli.terminal import console as make_console
 
     unit = f"{listed['length_unit']}²" if listed["length_unit"] else "file unit²"
     table = Table("body", "face", "kind", f"area [{unit}]", "notes")
@@ -57,7 +58,7 @@ def _print(listed: dict[str, Any]) -> None:
                 f"{face['area']:.6g}",
                 ", ".join(note for note in notes if note),
             )
-    console = Console(soft_wrap=True, highlight=False)
+    console = make_console(soft_wrap=True)
     console.print(table)
     count = sum(len(body["faces"]) for body in listed["bodies"])
     console.print(f"{len(listed['bodies'])} bodies, {count} faces")

@@ -11,14 +11,20 @@ __all__ = ["KINDS"]
 
 
 def _read(file: Path, where: str) -> MeshArrays:
-    check_parts(file, where, _parts(file))
-    return read_with_trimesh(file, where, split_objects=True, split_groups=True)
+    count, materials = _named(file)
+    check_parts(file, where, count)
+    return read_with_trimesh(file, where, beside=materials, split_objects=True, split_groups=True)
 
 
-def _parts(file: Path) -> int:
-    """Objects, groups and uses of materials of an OBJ file."""
+def _named(file: Path) -> tuple[int, list[str]]:
+    """How many objects, groups and uses of materials; the files with the materials."""
+    count, materials = 0, dict[str, None]()
     with file.open("rb") as lines:
-        return sum(line.lstrip().startswith((b"o ", b"g ", b"usemtl ")) for line in lines)
+        for line in map(bytes.strip, lines):
+            count += line.startswith((b"o ", b"g ", b"usemtl "))
+            if line.startswith(b"mtllib"):
+                materials[line[6:].strip().decode(errors="replace")] = None
+    return count, list(materials)
 
 
 KINDS = (

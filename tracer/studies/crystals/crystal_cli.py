@@ -112,6 +112,7 @@ def render(
 
     from rich.progress import Progress
 
+    from raymap.cli.terminal import console as make_console
     from tracer.render.load import load_render_scene
     from tracer.render.renderer import render as render_scene
     from tracer.studies.crystals.calcite_box import resized
@@ -128,7 +129,7 @@ def render(
         camera = replace(description.camera, analyser_deg=analyser)
         description = replace(description, camera=camera)
     state = output.with_name(output.name + ".state.npz")
-    with Progress(disable=json, transient=True) as bar:
+    with Progress(console=make_console(), disable=json, transient=True) as bar:
         task = bar.add_task(description.name, total=None)
         picture = render_scene(
             description,
