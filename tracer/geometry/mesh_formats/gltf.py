@@ -102,7 +102,7 @@ def _count(entry: dict[str, Any], key: str) -> int:
 def _built(described: dict[str, Any]) -> int:
     """Bytes of all tables, of the primitives that are made of them, and of their placements."""
     accessors = described.get("accessors", [])
-    numbers = [_count(each, "count") * _NUMBERS[each["type"]] for each in accessors]
+    numbers: list[int] = [_count(each, "count") * _NUMBERS[each["type"]] for each in accessors]
     tables = sum(
         n * _ITEM_BYTES[each["componentType"]] for n, each in zip(numbers, accessors, strict=True)
     )
@@ -112,7 +112,7 @@ def _built(described: dict[str, Any]) -> int:
     ]
     nodes = described.get("nodes", [])
     placed = sum(meshes[node["mesh"]] for node in nodes if node.get("mesh") is not None)
-    return tables + sum(meshes) + placed
+    return int(tables + sum(meshes) + placed)
 
 
 def _of_primitive(
@@ -123,7 +123,8 @@ def _of_primitive(
     corners = primitive.get("indices", columns.get("POSITION"))
     rows = 0 if corners is None else _count(accessors[corners], "count")
     repeated = 1 if primitive.get("mode", 4) in _SEPARATE else 3
-    return _KEPT_BYTES * (sum(numbers[column] for column in columns.values()) + repeated * rows)
+    own = sum(numbers[column] for column in columns.values())
+    return _KEPT_BYTES * int(own + repeated * rows)
 
 
 def _buffer_files(described: dict[str, Any]) -> list[str]:
