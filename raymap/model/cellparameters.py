@@ -74,7 +74,8 @@ def _is_law(value: Any) -> bool:
             and 3 <= len(corners) <= _MOST_CORNERS
             and all(map(_is_pair, corners))
         )
-    outer, inner = value.get("outer"), value.get("inner", 0.0)
+    outer: Any = value.get("outer")
+    inner: Any = value.get("inner", 0.0)
     aspheric = value.get("aspheric", ())
     if value.get("kind") != "revolution" or not is_length(outer) or not _is_size(inner):
         return False

@@ -222,36 +222,3 @@ def _cut(face: SeenFace, x: Floats, y: Floats) -> Floats:
         lengths = 2.0 * reach if isinstance(stretch, float) else reach * (stretch @ weights)
         areas += (heights * lengths).sum(axis=1)
     return np.maximum(areas, 0.0)
-
-
-def _whole(face: SeenFace, x: Floats, y: Floats) -> Floats:
-    """Of rectangles that no edge cuts."""
-    middle_x, middle_y = 0.5 * (x[0] + x[1]), 0.5 * (y[0] + y[1])
-    half_x, half_y = 0.5 * (x[1] - x[0]), 0.5 * (y[1] - y[0])
-    stretch = np.zeros(len(middle_x))
-    for along, weight in zip(_NODES, _WEIGHTS, strict=True):
-        for across, other in zip(_NODES, _WEIGHTS, strict=True):
-            values = face.stretch(middle_x + along * half_x, middle_y + across * half_y)
-            stretch += weight * other * values
-    return np.asarray(stretch * half_x * half_y)
-
-
-def _cut(face: SeenFace, x: Floats, y: Floats) -> Floats:
-    """Of rectangles that an edge may cut: Gauss points after x = sin t from end to end."""
-    angle = 0.5 * np.pi * _CHORDS[0]
-    along = 0.5 * np.pi * _ALONG[0]
-    weights = np.cos(along) * (0.5 * np.pi * _ALONG[1])
-    areas = np.zeros(x.shape[1])
-    for piece in face.pieces():
-        bottom, top = np.clip(y, piece.low, piece.high)
-        half = 0.5 * (top - bottom)[:, None]
-        at = 0.5 * (bottom + top)[:, None] + half * np.sin(angle)
-        heights = piece.sign * half * np.cos(angle) * (0.5 * np.pi * _CHORDS[1])
-        low, high = piece.chord(at)
-        start, end = np.maximum(low, x[0][:, None]), np.minimum(high, x[1][:, None])
-        reach = 0.5 * np.maximum(end - start, 0.0)
-        places = (0.5 * (start + end))[..., None] + reach[..., None] * np.sin(along)
-        places = np.where(np.isfinite(places), places, 0.0)
-        stretch = np.broadcast_to(face.stretch(places, at[..., None]), places.shape)
-        areas += (heights * reach * (stretch @ weights)).sum(axis=1)
-    return areas

@@ -22,6 +22,7 @@ __all__ = ["Bundles", "FieldOrigin", "LitField"]
 Array = NDArray[np.float64]
 
 EDGE_RAYS = 24
+_AROUND = np.linspace(0.0, 2.0 * math.pi, EDGE_RAYS, endpoint=False)
 PUPIL_RINGS = 24
 _STEPS = 40
 
@@ -47,7 +48,9 @@ class LitField:
     number : from 1, as the file counts
     field, origin : what the file says of it, and where its light comes from
     centre : (2,) where its chief ray crosses the tangent plane of surface 1
-    edge : (n, 2) where rays at the edge of the stop do; those that get through
+        or, where the field is vignetted, the ray through the middle of what is left of the pupil
+    edge : (n, 2) where rays at the edge of the pupil do; those that get through
+    angles : (n,) of these on the pupil [rad]
     """
 
     number: int
@@ -55,6 +58,7 @@ class LitField:
     origin: FieldOrigin
     centre: Array
     edge: Array
+    angles: Array
 
     @property
     def pupil(self) -> Array:
@@ -62,6 +66,20 @@ class LitField:
         shares = np.linspace(0.0, 1.0, PUPIL_RINGS + 1)
         spokes = self.centre + shares[:, None, None] * (self.edge - self.centre)
         return np.asarray(spokes.reshape(-1, 2))
+
+
+def _left_of_pupil(field: FieldPoint) -> tuple[Array, Array]:
+    """Middle and half axes (x, y) of the ellipse that a field's vignetting leaves of a pupil of
+    radius 1, before it is turned."""
+    right, left, up, down = field.vignetting
+    middle = np.array([0.5 * (left - right), 0.5 * (down - up)])
+    return middle, np.array([1.0 - 0.5 * (right + left), 1.0 - 0.5 * (up + down)])
+
+
+def _turned(places: Array, degrees: float) -> Array:
+    """(n, 2) places turned about the origin, from +x to +y."""
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    return np.asarray(places @ np.array([[c, s], [-s, c]]))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -219,27 +237,27 @@ class Bundles:
 
     def chief(self, origin: FieldOrigin) -> Array:
         """(2,) where the chief ray of a field crosses the tangent plane of surface 1."""
-        if self.sequence.prescription.telecentric and origin.height is not None:
-            return np.array(origin.height)
-        return np.asarray(self.aim(origin, [[0.0, 0.0]])[0])
+        return np.asarray(self._through(origin, np.zeros((1, 2)))[0])
 
     def edge(self, origin: FieldOrigin, field: FieldPoint | None = None) -> Array:
         """(n, 2) where rays at the edge of the pupil cross the tangent plane of surface 1.
 
-        With ``field`` its vignetting narrows the pupil.
+        They go around the pupil in even steps from +x; with ``field`` its vignetting narrows it.
         """
-        angles = np.linspace(0.0, 2.0 * math.pi, EDGE_RAYS, endpoint=False)
-        rim = np.column_stack([np.cos(angles), np.sin(angles)])
+        rim = np.column_stack([np.cos(_AROUND), np.sin(_AROUND)])
         if field is not None:
-            right, left, up, down = (1.0 - share for share in field.vignetting)
-            rim[:, 0] *= np.where(rim[:, 0] > 0.0, right, left)
-            rim[:, 1] *= np.where(rim[:, 1] > 0.0, up, down)
+            middle, half = _left_of_pupil(field)
+            rim = _turned(middle + half * rim, field.turn_deg)
+        return self._through(origin, rim)
+
+    def _through(self, origin: FieldOrigin, places: Array) -> Array:
+        """(n, 2) where rays to places of the pupil, of radius 1, cross that plane."""
         if self.sequence.prescription.telecentric and origin.height is not None:
             reach = abs(self.marginal[1] * self.sequence.z[0])
-            return np.asarray(np.array(origin.height) + reach * rim)
+            return np.asarray(np.array(origin.height) + reach * places)
         a, b = self.sequence.stop_matrix(self.primary)
         turned = math.copysign(1.0, a - b / self.sequence.z[0] if self.sequence.finite else a)
-        return np.asarray(self.aim(origin, turned * self.stop_radius * rim))
+        return np.asarray(self.aim(origin, turned * self.stop_radius * places))
 
     # -- fields ----------------------------------------------------------------------------------
 
@@ -321,9 +339,19 @@ class Bundles:
     def light_of(
         self, origin: FieldOrigin, number: int = 0, field: FieldPoint | None = None
     ) -> LitField | None:
-        """The light of a field over the whole stop; None where nothing gets through."""
-        edge, centre = self.edge(origin), self.chief(origin)
-        edge = edge[np.isfinite(edge).all(axis=1)]
+        """The light of a field over its pupil; None where nothing gets through.
+
+        Without ``field`` that is the whole stop.
+        """
+        middle = np.zeros(2)
+        if field is not None:
+            middle, half = _left_of_pupil(field)
+            if half.min() <= 0.0:
+                return None
+            middle = _turned(middle[None], field.turn_deg)[0]
+        edge, centre = self.edge(origin, field), self._through(origin, middle[None])[0]
+        through = np.isfinite(edge).all(axis=1)
+        edge = edge[through]
         if not len(edge):
             return None
         if not np.isfinite(centre).all():
@@ -334,6 +362,7 @@ class Bundles:
             origin=origin,
             centre=centre,
             edge=edge,
+            angles=_AROUND[through],
         )
         points = self.trace(origin, lit.pupil).points
         limits = [
@@ -356,9 +385,8 @@ class Bundles:
         """(n_surfaces,) largest distance from the axis of the light of all fields."""
         reach = np.zeros(len(self.sequence.surfaces))
         for lit in self.lit:
-            edge = self.edge(lit.origin, lit.field)
             for channel in range(len(self.sequence.prescription.wavelengths_nm)):
-                points = self.trace(lit.origin, edge, channel).points
+                points = self.trace(lit.origin, lit.edge, channel).points
                 across = np.hypot(points[:, :, 0], points[:, :, 1])
                 reach = np.fmax(
                     reach, np.nanmax(np.where(np.isfinite(across), across, 0.0), axis=1)

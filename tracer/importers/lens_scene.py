@@ -25,6 +25,7 @@ from tracer.importers.elements import Disc, Elements, build_elements
 from tracer.importers.image import Image, find_image
 from tracer.importers.lens_format import read_prescription
 from tracer.importers.lens_glass import medium_of_glass
+from tracer.importers.narrowed import beam_of, cone_of
 from tracer.importers.parts import Part, PartFace
 from tracer.importers.prescription import GlassName, ImportWarning, Prescription
 from tracer.importers.sequence import Sequence
@@ -192,8 +193,8 @@ class ImportedLens:
     def _say_what_is_dark(self) -> None:
         for number, field in self.bundles.dark:
             self._warn(
-                f"field {number} ({field.x:g}, {field.y:g}): no light gets through the stop and "
-                "the apertures; the field is left out"
+                f"field {number} ({field.x:g}, {field.y:g}): no light gets through the stop, "
+                "the apertures and its vignetting; the field is left out"
             )
 
     def _warn(self, message: str) -> None:
@@ -247,20 +248,24 @@ class ImportedLens:
         if axis:
             on_axis = [lit for lit in self.bundles.lit if lit.origin == self.bundles.axis]
             field = on_axis[0] if on_axis else axis
-            self._light(tables, "axis", axis, field)
+            self._light(tables, "axis", field)
         for lit in self.bundles.lit:
             if lit.origin != self.bundles.axis:
-                self._light(tables, f"field_{lit.number}", lit, lit)
+                self._light(tables, f"field_{lit.number}", lit)
         if not tables:
             raise SceneError(f"{self.prescription.origin}: no light of any field gets through")
         return tables
 
-    def _light(self, tables: dict[str, Any], name: str, lit: LitField, weighed: LitField) -> None:
+    def _light(self, tables: dict[str, Any], name: str, lit: LitField) -> None:
         """Put the source of a field, with the weight of the field, into the tables."""
-        weight = weighed.field.weight
-        table = tables[self.prefix + name] = self._source(lit, weight or 1.0)
+        weight = lit.field.weight
+        table = self._source(lit, weight or 1.0)
+        if lit.field.vignetted:
+            whole = self.bundles.light_of(lit.origin)
+            table = self._narrowed(lit, self._source(whole, weight or 1.0) if whole else table)
+        tables[self.prefix + name] = table
         if not weight:
-            self._warn(f"field {weighed.number} has the weight 0; its source is switched off")
+            self._warn(f"field {lit.number} has the weight 0; its source is switched off")
             table["on"] = False
 
     def _source(self, lit: LitField, weight: float) -> dict[str, Any]:
@@ -294,6 +299,39 @@ class ImportedLens:
             "aim": self._point(*points[0]),
             "distance": float(self.scale * distance),
             **table,
+        }
+
+    def _narrowed(self, lit: LitField, whole: dict[str, Any]) -> dict[str, Any]:
+        """Of a source that fills the whole pupil what goes through a vignetted one."""
+        points, along = self.bundles.launch(lit.origin, np.vstack([lit.centre, lit.edge]))
+        spectrum = {key: whole[key] for key in self._spectrum()}
+        d = np.array(self._direction(along[0]))
+        if lit.origin.height is not None:
+            edge = np.array([self._direction(way) for way in along[1:]])
+            cone = cone_of(d, edge, lit.angles)
+            filled = math.sin(math.radians(0.5 * whole["cone_deg"])) ** 2
+            return {
+                "kind": "elliptical",
+                "position": whole["position"],
+                "axis": [float(c) for c in cone.middle],
+                "cone_deg": [2.0 * math.degrees(math.asin(min(h, 1.0))) for h in cone.half],
+                "turn_deg": cone.turn_deg,
+                "flux": whole["flux"] * cone.half[0] * cone.half[1] / filled,
+                **spectrum,
+            }
+        places = np.array([self._point(*point) for point in points])
+        beam = beam_of(places[0], d, places[1:], lit.angles)
+        moved = float(np.linalg.norm(beam.middle - np.array(whole["aim"])))
+        return {
+            "kind": "elliptical",
+            "size": [2.0 * half for half in beam.half],
+            "turn_deg": beam.turn_deg,
+            "direction": whole["direction"],
+            "aim": [float(c) for c in beam.middle],
+            # Wherever the ellipse reaches beside the disc, it starts before the lens
+            "distance": whole["distance"] + 2.0 * (max(beam.half) + moved),
+            "flux": whole["flux"] * 4.0 * beam.half[0] * beam.half[1] / whole["diameter"] ** 2,
+            **spectrum,
         }
 
     def spectrum(self) -> dict[str, Any]:

@@ -11,6 +11,8 @@ import math
 from dataclasses import dataclass, field
 from typing import Literal
 
+from raymap.model.errors import SceneError
+
 __all__ = [
     "Aperture",
     "FieldPoint",
@@ -103,13 +105,20 @@ class Aperture:
 class FieldPoint:
     """One field: its place in the terms of the file, weight, and how much is vignetted.
 
-    ``vignetting`` is the share of the pupil lost at (+x, -x, +y, -y).
+    ``vignetting`` is the share of the pupil's radius lost at (+x, -x, +y, -y): light fills the
+    ellipse between these ends, turned about the middle of the whole pupil by ``turn_deg``.
     """
 
     x: float
     y: float
     weight: float = 1.0
     vignetting: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    turn_deg: float = 0.0
+
+    @property
+    def vignetted(self) -> bool:
+        """Whether light fills another pupil than the stop gives it."""
+        return any(self.vignetting)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,6 +168,13 @@ class Prescription:
     primary: int = 0
     catalogues: tuple[str, ...] = field(default=())
     solves: tuple[ThicknessSolve, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.stop == 0:
+            raise SceneError(
+                f"{self.origin}: surface 0: the object is marked as the stop; mark the surface "
+                "that limits the beam"
+            )
 
     @property
     def stop(self) -> int:

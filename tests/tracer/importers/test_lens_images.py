@@ -147,8 +147,8 @@ def test_a_dark_field_is_left_out(tmp_path: Path) -> None:
     lens, said = opened(tmp_path, text)
     assert list(lens.sources()) == ["axis", "field_2"]
     assert said == [
-        "lens.zmx: field 3 (0, 25): no light gets through the stop and the apertures; the field is "
-        "left out"
+        "lens.zmx: field 3 (0, 25): no light gets through the stop, the apertures and its "
+        "vignetting; the field is left out"
     ]
 
 

@@ -231,7 +231,6 @@ def test_an_index_of_no_matter_is_refused(tmp_path: Path) -> None:
         ("ENPD 12", "ENPD stands twice"),
         ("FNUM 4 0", r"says its aperture twice \(ENPD, FNUM\)"),
         ("QQQQ 1", "line 6: the word QQQQ is not understood"),
-        ("FTYP 0 0 1 1\nVANN 30", "vignetting of fields is turned"),
     ],
 )
 def test_words_of_the_head_are_heard(head: str, words: str, tmp_path: Path) -> None:

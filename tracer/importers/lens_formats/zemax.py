@@ -599,8 +599,6 @@ class _Reader:
         self._say_of_air()
         if self._optional(self.header.get("GFAC"), 0) != 0.0:
             self.warn("the pupil is apodised (GFAC); the sources fill it evenly")
-        if any(self._column(("VANN", "ZVAN"), 99)):
-            self.warn("the vignetting of fields is turned (VANN); it is taken unturned")
         if self._optional(self.header.get("FTYP"), 6) != 0.0:
             self.warn(
                 "its image space is afocal (FTYP); the detector stands at the last surface, and "
@@ -681,12 +679,15 @@ class _Reader:
             raise self.fail("FWGN", f"the weight {min(weights):g} of a field is negative")
         vdx, vdy = self._column(("VDXN", "ZVDX"), count), self._column(("VDYN", "ZVDY"), count)
         vcx, vcy = self._column(("VCXN", "ZVCX"), count), self._column(("VCYN", "ZVCY"), count)
+        turns = self._column(("VANN", "ZVAN"), count)
+        # p' = VD + p (1 - VC) reaches from VD - (1 - VC) to VD + (1 - VC), and is turned by VAN
         fields = tuple(
             FieldPoint(
                 x=x[k],
                 y=y[k],
                 weight=weights[k],
                 vignetting=(vcx[k] - vdx[k], vcx[k] + vdx[k], vcy[k] - vdy[k], vcy[k] + vdy[k]),
+                turn_deg=turns[k],
             )
             for k in range(count)
         )
