@@ -6,7 +6,7 @@ are called by address. Nothing is known here of why a direction is chosen.
 
 from __future__ import annotations
 
-from raymap.jit.kernels import inner_kernel, number
+from raymap.jit.kernels import inline_kernel, inner_kernel, number
 from raymap.jit.types import F64
 from tracer.compiled import LAMBERTIAN, S_DRAW, S_KIND, S_WEIGH
 from tracer.surfaces.interaction import (
@@ -33,7 +33,7 @@ _BACK = DIFFUSE_REFLECTION | GLOSSY_REFLECTION
 _THROUGH = DIFFUSE_TRANSMISSION | GLOSSY_TRANSMISSION
 
 
-@inner_kernel
+@inline_kernel
 def draw_scattered(optics: Optics, tables: F64 | None, hit: Hit, light: Light) -> Outcome:
     """`tracer.surfaces.interaction.DRAW` of the surface's kind."""
     if optics.surface_i[hit.surface, S_KIND] == LAMBERTIAN:
@@ -46,7 +46,7 @@ def draw_scattered(optics: Optics, tables: F64 | None, hit: Hit, light: Light) -
     return happened, x, y, z, code, state
 
 
-@inner_kernel
+@inline_kernel
 def weigh_scattered(
     optics: Optics, tables: F64 | None, hit: Hit, light: Light, x: float, y: float, z: float,
     row: int,

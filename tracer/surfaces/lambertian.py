@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from raymap.jit.kernels import inner_kernel
+from raymap.jit.kernels import inline_kernel, inner_kernel
 from raymap.laws.lambertian import LambertianLaw
 from raymap.laws.law import Law as StoredLaw
 from tracer.compiled import LAMBERTIAN, SURFACE_ROW
@@ -78,7 +78,7 @@ def _sides(optics: Optics, surface: int, light: Light) -> tuple[float, float]:
     )
 
 
-@inner_kernel
+@inline_kernel
 def draw_lambertian(optics: Optics, hit: Hit, light: Light) -> Outcome:
     """`tracer.surfaces.interaction.DRAW`: sides in the proportion of their light."""
     back, through = _sides(optics, hit.surface, light)
@@ -95,7 +95,7 @@ def draw_lambertian(optics: Optics, hit: Hit, light: Light) -> Outcome:
     return DIFFUSE_TRANSMISSION, x, y, -z, light.code, state
 
 
-@inner_kernel
+@inline_kernel
 def weigh_lambertian(optics: Optics, hit: Hit, light: Light, z: float, row: int) -> float:
     """`tracer.surfaces.interaction.WEIGH`."""
     back, through = _sides(optics, hit.surface, light)

@@ -100,11 +100,21 @@ def _meet_weighted(
     kind = optics.surface_i[at.surface, S_KIND]
     if kind == DIELECTRIC:
         return meet_smooth(rare, twins, ray, optics, tables, at, way, light)
-    if kind == LAMBERTIAN or optics.surface_i[at.surface, S_DRAW] != 0:
-        return scatter_aimed(rare, ray, optics, tables, at, way, light)
+    if kind == LAMBERTIAN:
+        return scatter_aimed(rare, ray, optics, None, at, way, light)
+    if tables is not None and optics.surface_i[at.surface, S_DRAW] != 0:
+        return _scatter_by_kind(rare, ray, optics, at, way, light)
     if tables is None or (kind != MIRROR and optics.surface_i[at.surface, S_MEET] == 0):
         return ABSORBED, False, way.dx, way.dy, way.dz, light.code, light.state, ray.weight
     return _meet_analog(rare, ray, optics, at, way, light)
+
+
+@inner_kernel
+def _scatter_by_kind(
+    rare: RareLight, ray: WeightedRay, optics: Optics, at: Interface, way: Way, light: Light
+) -> Weighted:
+    """Kinds that are called by address: apart, as the loop over rays is slower with them in it."""
+    return scatter_aimed(rare, ray, optics, optics.tables, at, way, light)
 
 
 @inner_kernel
