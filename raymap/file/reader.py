@@ -88,6 +88,12 @@ class Damage:
 NO_RAYS = "no_rays"
 """Parameter of a run that stored no rays, only what the detectors counted."""
 
+DETECTORS = "detectors"
+"""Statistic of such a run: flux and standard error of each detector, by name."""
+
+_LARGEST_ERROR = 1e150
+"""Of a flux whose square is a number."""
+
 
 class RayMap:
     """An open ray map; close it or use it as a context manager.
@@ -387,6 +393,21 @@ class RayMap:
                 return place, portion.index_of(ray_id)
             place += 1
         raise RayNotFound(f"{self.path} has no ray {ray_id} (it holds {self.rays} rays)")
+
+    def detector_error(self, name: str) -> float | None:
+        """Standard error of all flux of a detector [flux unit] of a map without rays.
+
+        Its cells do not tell it: light that misses one of them meets another. None where the map
+        does not say it.
+        """
+        if len(self.runs) != 1:
+            return None
+        said: Any = self.runs[0].get("statistics")
+        for key in (DETECTORS, name, "flux_se"):
+            said = said.get(key) if isinstance(said, dict) else None
+        if isinstance(said, bool) or not isinstance(said, int | float):
+            return None
+        return float(said) if 0.0 <= said <= _LARGEST_ERROR else None
 
     def detector_result(
         self, name: str, channel_set: int = 0

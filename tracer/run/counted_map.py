@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from raymap.file.reader import NO_RAYS
+from raymap.file.reader import DETECTORS, NO_RAYS
 from raymap.model.portion import empty_portion
 
 if TYPE_CHECKING:
@@ -32,4 +32,8 @@ def write_counts(
     writer.append(empty_portion(emitted, channel_set.n_channels))
     for k, detector in enumerate(counts.detectors.values()):
         writer.add_detector_result(k, *detector.relative_sums(), channel_set=number)
-    writer.finish(statistics)
+    detectors = {
+        name: {"flux": count.total, "flux_se": count.total_se}
+        for name, count in counts.detectors.items()
+    }
+    writer.finish(statistics | {DETECTORS: detectors})

@@ -392,4 +392,10 @@ def _from_results(map: RayMap, detector: Detector, bin: int) -> DetectorImage:
         other_variance=other**2,
         rays=np.round(sums.sum(axis=2)).astype(np.int64) * (not is_pinhole(detector)),
     )
-    return DetectorImage(lit=lit)
+    error = map.detector_error(detector.name)
+    if error is None:
+        return DetectorImage(lit=lit)
+    # In the other unit the relative error is taken to be the same
+    share = error / flux if (flux := float(lit.flux.sum())) > 0.0 else 0.0
+    whole = {unit: (share * float(lit.flux_in(unit).sum())) ** 2 for unit in ("W", "lm")}
+    return DetectorImage(lit=lit, total_variance=whole | {light.unit: error**2})

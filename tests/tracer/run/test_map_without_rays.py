@@ -7,6 +7,7 @@ its light is registered there.
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -72,6 +73,26 @@ def test_pictures_are_those_of_the_map_with_rays(tmp_path: Path, share: float) -
             count = result.detectors[name]
             assert own.total == pytest.approx(flux, abs=4.5 * count.total_se)
             assert own.total == pytest.approx(count.total, rel=1e-9)
+            assert own.total_se == pytest.approx(count.total_se, rel=1e-9)
+            assert picture.total_se == pytest.approx(count.total_se, rel=1e-6)
+            # A ray of the lamp is counted or not
+            n = sums.emitted[int(flux > 1.0)]
+            expected = 6.0 * flux * math.sqrt(1 / 6 * 5 / 6 / n)
+            assert own.total_se == pytest.approx(expected, rel=0.05)
+
+
+def test_all_light_of_a_lamp_is_known_without_error(tmp_path: Path) -> None:
+    """Which cell it meets is drawn, that it meets one is not."""
+    sky = "[detectors.sky]\nkind = 'far_field'\ncells = [36, 18]\ngamma_deg = [0, 180]\n"
+    lamp = "length_unit = 'mm'\nflux_unit = '{}'\n[sources.lamp]\nkind = 'point'\nflux = 10\n"
+    for unit, other in (("W", "lm"), ("lm", "W")):
+        path = tmp_path / f"{unit}.raymap"
+        record(parse_scene(lamp.format(unit) + sky), path, rays=2_000, no_rays=True)
+        with raymap.open(path) as sums:
+            image = query.detector_image(sums, "sky")
+            assert image.total == pytest.approx(10.0)
+            assert image.total_se == pytest.approx(0.0, abs=1e-6)
+            assert image.total_se_in(other) == pytest.approx(0.0, abs=1e-3)
 
 
 DARK = """
