@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.bytes.streams import StreamSet
-from raymap.model.errors import FormatError
+from raymap.model.errors import FormatError, LimitExceeded
 from raymap.model.jsontext import parse_json, write_json
 from raymap.model.limits import MAX_INDEX, MAX_NAME, MAX_PRIMITIVES
 from raymap.model.plaintext import plain_text
@@ -32,16 +32,28 @@ class ColumnReader(Protocol):
 
 
 def add_objects(streams: StreamSet, columns: ObjectColumns) -> None:
-    """Store the objects."""
+    """Store the objects.
+
+    Raises
+    ------
+    LimitExceeded
+        A name cannot be read again: an object was changed without being checked.
+    """
     if not columns.names:
         return
     distinct = list(dict.fromkeys(columns.face_names))
+    for names in (columns.names, distinct):
+        if not all(0 < len(name) <= MAX_NAME for name in names):
+            raise LimitExceeded(
+                f"the directory cannot be read again: names of objects and faces have 1 to {MAX_NAME} "
+                "characters"
+            )
     number = {name: k for k, name in enumerate(distinct)}
     _add_json(streams, "object.names", list(columns.names))
     streams.add_smallest("object.faces", np.diff(columns.first_face).astype(np.uint32))
     _add_json(streams, "face.names", distinct)
-    names = np.array([number[name] for name in columns.face_names], np.uint32)
-    streams.add_smallest("face.name", names)
+    numbers = np.array([number[name] for name in columns.face_names], np.uint32)
+    streams.add_smallest("face.name", numbers)
     streams.add_smallest("face.primitives", columns.primitive_count.astype(np.uint32))
     streams.add_smallest("face.surface", columns.surface)
     streams.add_smallest("face.shapes", np.diff(columns.first_shape).astype(np.uint32))

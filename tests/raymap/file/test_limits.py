@@ -273,6 +273,25 @@ def test_directories_and_runs_that_cannot_be_read_again_are_refused(tmp_path, pa
         assert ray_map.finished
 
 
+@pytest.mark.parametrize("name", ["", "x" * (limits.MAX_NAME + 1)])
+@pytest.mark.parametrize("what", ["object", "face", "detector"])
+def test_names_that_were_changed_unchecked_are_refused_before_they_are_written(
+    tmp_path, name, what
+):
+    path = tmp_path / "a.raymap"
+    directory = small_directory()
+    changed = {"name": name}
+    first = directory.objects[0]
+    if what == "face":
+        changed = {"faces": (first.faces[0].model_copy(update=changed), *first.faces[1:])}
+    update = {"objects": [first.model_copy(update=changed), *directory.objects[1:]]}
+    if what == "detector":
+        update = {"detectors": (directory.detectors[0].model_copy(update=changed),)}
+    with pytest.raises((raymap.LimitExceeded, ValueError), match=r"name"):
+        raymap.RayMapWriter.create(path, small_directory(**update))
+    assert not path.exists()
+
+
 def test_too_many_of_a_kind_and_too_many_primitives_are_refused():
     many = [raymap.SceneObject(name=str(k)) for k in range(limits.MAX_INDEX + 1)]
     with pytest.raises(ValueError, match="at most 32767"):
