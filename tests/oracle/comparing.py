@@ -20,8 +20,13 @@ __all__ = ["answer_differences", "end_probability", "map_differences"]
 UNCOMPARED = {
     "bytes", "bytes_per_record", "seconds", "rays_per_second", "records_per_second", "runs",
     "verified", "map", "output", "started", "threads",
+    # An object of Python that slipped into an answer of the earlier build
+    "counts",
 }  # fmt: skip
 """Members of answers that speak of the file or the clock and not of the light."""
+
+ROUNDING = 1e-12
+"""Numbers of answers that are nearer than this share of them are one number."""
 
 SMALLEST_END = 25
 """Ends that fewer rays than this reach are taken together in the test of fluxes."""
@@ -155,7 +160,7 @@ def _ends(path: Path) -> dict[tuple[int, int, int], tuple[float, float, int]]:
 
 
 def answer_differences(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
-    """What differs between two answers of a command, in words."""
+    """What differs between two answers of a command, in words; a later one may say more."""
     if old["status"] != new["status"]:
         return [f"exit {old['status']} and {new['status']}: {(new['err'] or old['err'])[-300:]}"]
     try:
@@ -167,12 +172,13 @@ def answer_differences(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
 
 def _apart(one: Any, other: Any, place: str) -> Iterator[str]:
     if isinstance(one, dict) and isinstance(other, dict):
-        for key in sorted({*one} | {*other}):
-            if key not in UNCOMPARED:
-                missing = "nothing"
-                yield from _apart(one.get(key, missing), other.get(key, missing), f"{place}.{key}")
+        for key in sorted({*one} - UNCOMPARED):
+            yield from _apart(one[key], other.get(key, "nothing"), f"{place}.{key}")
     elif isinstance(one, list) and isinstance(other, list) and len(one) == len(other):
         for k, (a, b) in enumerate(zip(one, other, strict=True)):
             yield from _apart(a, b, f"{place}[{k}]")
+    elif isinstance(one, float) and isinstance(other, float):
+        if not math.isclose(one, other, rel_tol=ROUNDING):
+            yield f"{place.lstrip('.')}: {one!r} and {other!r}"
     elif one != other:
         yield f"{place.lstrip('.')}: {str(one)[:60]} and {str(other)[:60]}"
