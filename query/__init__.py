@@ -15,6 +15,7 @@ from raymap.model.events import Event
 
 if TYPE_CHECKING:
     from query.answers.filter_strings import translate
+    from query.answers.images.focus import Focus, focus
     from query.answers.images.image_files import write_image
     from query.answers.images.images import detector_image, detector_images
     from query.answers.images.pictures import DetectorImage
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from query.atoms.bounces import bounces
     from query.atoms.count import count
     from query.atoms.crossed import crossed
+    from query.atoms.crosses import crosses
     from query.atoms.degree_of_polarisation import degree_of_polarisation
     from query.atoms.detected import detected, ellipse, rect
     from query.atoms.event import all_, event
@@ -49,6 +51,7 @@ if TYPE_CHECKING:
     from query.atoms.path import path
     from query.atoms.source import source
     from query.atoms.wavelength import wavelength
+    from query.engine.places import with_detectors
     from query.engine.scan import Progress
     from query.expression.grammar import parse
     from query.expression.json_form import from_json
@@ -58,6 +61,7 @@ _LAZY = {
     "Comparison": "query.answers.reports.comparison",
     "DetectorImage": "query.answers.images.pictures",
     "Explanation": "query.answers.selections.explanation",
+    "Focus": "query.answers.images.focus",
     "GhostMatrix": "query.answers.paths.ghosts",
     "GhostTable": "query.answers.paths.ghosts",
     "Illumination": "query.answers.reports.illumination",
@@ -74,6 +78,7 @@ _LAZY = {
     "compare": "query.answers.reports.comparison",
     "count": "query.atoms.count",
     "crossed": "query.atoms.crossed",
+    "crosses": "query.atoms.crosses",
     "degree_of_polarisation": "query.atoms.degree_of_polarisation",
     "detected": "query.atoms.detected",
     "detector_image": "query.answers.images.images",
@@ -82,6 +87,7 @@ _LAZY = {
     "event": "query.atoms.event",
     "explain": "query.answers.selections.explanation",
     "flux": "query.atoms.flux",
+    "focus": "query.answers.images.focus",
     "from_json": "query.expression.json_form",
     "ghost_matrix": "query.answers.paths.ghosts",
     "ghost_table": "query.answers.paths.ghosts",
@@ -110,6 +116,7 @@ _LAZY = {
     "what_if": "query.answers.what_if.effect",
     "effect": "query.answers.what_if.effect",
     "Effect": "query.answers.what_if.effect",
+    "with_detectors": "query.engine.places",
     "write_image": "query.answers.images.image_files",
     "write_ray_file": "query.answers.reports.rays_at_place",
 }
@@ -122,6 +129,7 @@ __all__ = [
     "Effect",
     "Event",
     "Explanation",
+    "Focus",
     "GhostMatrix",
     "GhostTable",
     "Illumination",
@@ -139,6 +147,7 @@ __all__ = [
     "compare",
     "count",
     "crossed",
+    "crosses",
     "degree_of_polarisation",
     "detected",
     "detector_image",
@@ -148,6 +157,7 @@ __all__ = [
     "event",
     "explain",
     "flux",
+    "focus",
     "from_json",
     "ghost_matrix",
     "ghost_table",
@@ -174,6 +184,7 @@ __all__ = [
     "translate",
     "wavelength",
     "what_if",
+    "with_detectors",
     "write_image",
     "write_ray_file",
 ]

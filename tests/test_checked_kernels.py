@@ -96,6 +96,8 @@ _KERNELS = {
     "reweighting._fill_records": ("itself", {"reweighting._records_of"}),
     "reweighting._meet": ("itself", {"reweighting._incidence"}),
     "reweighting._multiply": ("itself", {"reweighting.of_rays"}),
+    "crossings._cross": ("itself", {"crossings._found"}),
+    "crossings._cross_sphere": ("called", {"crossings._cross"}),
     # Colours
     "colors.rebuild_codes": ("itself", {"stored._column_color_code"}),
     "colors._color_runs": ("Portion", {"colors.runs_of_codes"}),

@@ -71,6 +71,7 @@ NOISY = {
     "compare": ["compare", "MAP", "OTHER", "--top", "9"],
     "what-if": ["what-if", "MAP", 'hit("L1")', "--set", "lamp.flux=5", "--top", "9"],
     "sensitivity": ["sensitivity", "PLATE", "event(reflected)", "--top", "99"],
+    "focus": ["focus", "MAP", "screen", "--from", "-1", "--to", "1"],
     "image": ["image", "MAP", "screen", "event(tir)", "-o", "OUT.png"],
     "chart": ["chart", "MAP", "screen", "-o", "OUT.png"],
     "record": ["record", "SCENE", "--rays", "60", "--no-rays", "-o", "OUT.raymap", "--force"],

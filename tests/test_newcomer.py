@@ -57,6 +57,7 @@ COMMANDS = {
     "what-if": f"{MAP} --scene <scene.toml",
     "sensitivity": MAP,
     "image": f"{MAP} sensor -o >image.png",
+    "focus": f"{MAP} sensor",
     "picture": f"{MAP} -o >picture.png --session <session.json",
     "chart": f"{MAP} sensor -o >chart.svg",
     "view": f"{MAP} --no-browser --session <session.json",

@@ -57,6 +57,7 @@ WORDS: dict[str, list[str]] = {
     "what-if": ["a.raymap", "--set", "lamp.flux=2"],
     "sensitivity": ["a.raymap"],
     "image": ["a.raymap", "sensor", "-o", "a.tiff"],
+    "focus": ["a.raymap", "sensor"],
     "picture": ["a.raymap", "-o", "a.png"],
     "chart": ["a.raymap", "sensor", "-o", "chart.png"],
     "view": ["a.raymap", "--no-browser"],

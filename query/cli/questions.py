@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from query.cli.focus import focus
 from query.cli.options import (
     Criterion,
     Filter,
@@ -35,6 +36,7 @@ def register(app: typer.Typer) -> None:
     app.command("paths", rich_help_panel=Panel.ASK)(paths)
     app.command("report", rich_help_panel=Panel.ASK)(report)
     app.command("image", rich_help_panel=Panel.PICTURES)(image)
+    app.command("focus", rich_help_panel=Panel.PICTURES)(focus)
     app.command("rayfile", rich_help_panel=Panel.FILES)(rayfile)
     app.command("audit", rich_help_panel=Panel.ASK)(audit)
     app.command("ghosts", rich_help_panel=Panel.ASK)(ghosts)
@@ -212,7 +214,12 @@ def report(
 
 def image(
     map: MapPath,
-    detector: Annotated[str, typer.Argument(help="Name of the detector.")],
+    detector: Annotated[
+        str,
+        typer.Argument(
+            help="Name of the detector, or a place: plane(z=120, size=[36, 24], cells=[72, 48])."
+        ),
+    ],
     output: Annotated[
         Path,
         typer.Option(
@@ -246,6 +253,7 @@ def image(
     """Write the picture that the selected rays make on a detector."""
     from query.answers.images.image_files import check_image, write_image
     from query.answers.images.images import detector_images
+    from query.answers.images.obstructed import ended_before
     from query.answers.images.values import KINDS
 
     if kind is not None and kind not in KINDS:
@@ -269,8 +277,10 @@ def image(
             _written(write_image(picture, targets[name], kind, zoom=bin), picture, kind)
             for name, picture in pictures.items()
         ]
+        before = ended_before(ray_map, detector, layers[""], threads=threads)
         if json:
-            emit_json(written[0] | ({"layers": written[1:]} if written[1:] else {}))
+            more: dict[str, Any] = {"layers": written[1:]} if written[1:] else {}
+            emit_json(written[0] | more | ({"ended_before": before} if before else {}))
             return
         for item, picture in zip(written, pictures.values(), strict=True):
             peak = "" if item["peak"] is None else f", peak {_peak(item)}"
@@ -281,6 +291,10 @@ def image(
             typer.echo(f"wrote {item['output']}: {flux} {item['flux_unit']} {counted}{peak}")
             if speckle := _speckle(picture, bin):
                 typer.echo(speckle)
+        if before:
+            unit = ray_map.directory.flux_unit
+            taken = ", ".join(f"{name} {flux:.3g} {unit}" for name, flux in before.items())
+            typer.echo(f"ended before it, straight in front of it: {taken}")
         if any(item["doubtful"] for item in written):
             typer.echo(FOOTNOTE)
 

@@ -48,10 +48,13 @@ def rayfile(
     """Write the light that reaches a face or detector as a ray file, to be a source elsewhere."""
     from query.answers.reports.rays_at_place import write_ray_file
     from query.answers.selections.selector import select
+    from query.engine.places import seen_by
 
     with opened_map(map, strict) as ray_map:
         asked = read_criterion(criterion, ray_map, filter_string)
-        selection = select(ray_map, asked, threads=threads, progress=progress_line(json))
+        selection = select(
+            seen_by(ray_map, at), asked, threads=threads, progress=progress_line(json)
+        )
         written = write_ray_file(
             selection,
             output,

@@ -31,6 +31,8 @@ __all__ = [
     "JsonReader",
     "Names",
     "Number",
+    "PLACES",
+    "Places",
     "Point",
     "Points",
     "Region",
@@ -41,6 +43,8 @@ __all__ = [
     "TextReader",
 ]
 
+PLACES = ("plane", "sphere", "far_field", "moved")
+"""Words that describe places (`query.engine.places`)."""
 COMPARISONS = ("==", "!=", "<", "<=", ">", ">=")
 """Words that compare."""
 
@@ -55,6 +59,7 @@ class TextReader(Protocol):
     def point_or_event(self, node: Any) -> Criterion: ...
     def event_set(self, node: Any) -> EventSet: ...
     def sides(self, node: Any) -> tuple[Any, str, Any]: ...
+    def source(self, node: Any) -> str: ...
 
 
 class JsonReader(Protocol):
@@ -407,6 +412,39 @@ class Regions(Argument):
     @property
     def spelling(self) -> str:
         return "rect(...) or ellipse(...), ..."
+
+
+@dataclass(frozen=True, kw_only=True)
+class Places(Argument):
+    """Places in the scene where no detector stands, as ``plane(z=120, size=[36, 24])``."""
+
+    name: str = "places"
+
+    def takes(self, node: Any) -> bool:
+        return True
+
+    def read(self, reader: TextReader, word: str, call: Any, nodes: Sequence[Any]) -> Any:
+        for node in nodes:
+            if node.data != "call" or str(node.children[0]) not in PLACES:
+                raise reader.fail(
+                    f"{word} takes places, as plane(z=120, size=[36, 24]); they are "
+                    f"{', '.join(PLACES)}",
+                    node,
+                )
+        return tuple(" ".join(reader.source(node).split()) for node in nodes)
+
+    def show(self, value: Any) -> list[str]:
+        return list(value)
+
+    def to_json(self, value: Any) -> dict[str, Any]:
+        return {self.name: list(value)}
+
+    def from_json(self, reader: JsonReader, word: str) -> Any:
+        return tuple(" ".join(text.split()) for text in reader.texts(self.name))
+
+    @property
+    def spelling(self) -> str:
+        return "plane(...), ..."
 
 
 @dataclass(frozen=True, kw_only=True)

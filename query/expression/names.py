@@ -111,6 +111,8 @@ def match_indices(pattern: str, names: Sequence[str], kind: str) -> list[int]:
     """
     wanted = Wildcard(pattern)
     found = [index for index, name in enumerate(names) if wanted.matches(name)]
+    # A name that holds signs of wildcards is meant where it stands as it is
+    found = found or [index for index, name in enumerate(names) if name == pattern]
     if not found:
         raise unknown(kind, pattern, names)
     return found

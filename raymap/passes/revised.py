@@ -12,7 +12,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,9 +25,9 @@ from raymap.file.reader import RayMap
 from raymap.file.stored import StoredPortion
 from raymap.model.directory import ChannelSet, Source
 from raymap.model.errors import DamagedPortion, RayMapError
-from raymap.model.rows import squares_by_emission
 from raymap.model.schema import COLOR_SCALE
 from raymap.passes.branches import Partners, partners_of
+from raymap.passes.pathsums import PathSums, sums_of_paths
 from raymap.passes.reweighting import ChangedLaws, Reweighting, Unseen
 
 __all__ = ["LOOKED_AT", "RevisedMap", "RevisedPortion"]
@@ -161,34 +161,11 @@ class RevisedPortion(StoredPortion):
             sum_wy2=sums.worth_squares,
         )
 
-    def sums(self) -> _Sums:
+    def sums(self) -> PathSums:
         """Sums of this portion's paths."""
-        numbers, n = self.own.path_numbers().astype(np.int64), len(self._itineraries.source)
-        weight, shares = self._light()
-        emission = self.own.column("emission") if self.grouped else None
+        numbers = self.own.path_numbers().astype(np.int64)
         light = self._revised.photometry(self.channel_set)
-        source = self.own.column("source")
-        lit = weight[:, None] * shares
-        worth_squares = None
-        if light.changes:
-            worth = weight * _worth(light, source, shares)
-            worth_squares = squares_by_emission(numbers, worth, emission, n)
-        return _Sums(
-            np.bincount(numbers, weight, n).astype(np.float64),
-            squares_by_emission(numbers, weight, emission, n),
-            np.stack([np.bincount(numbers, column, n) for column in lit.T], axis=1),
-            worth_squares,
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class _Sums:
-    """Of the paths of a portion."""
-
-    weight: F64
-    squares: F64
-    colors: F64
-    worth_squares: F64 | None
+        return sums_of_paths(numbers, self.own.paths().n_paths, *self._light(), self, light)
 
 
 class RevisedMap(RayMap):
@@ -376,12 +353,6 @@ def _with_colors(channel_set: ChannelSet, ratios: F64 | None) -> ChannelSet:
     colors = np.asarray(channel_set.source_colors) * ratios
     rows = tuple(tuple(row) for row in colors.tolist())
     return channel_set.model_copy(update={"source_colors": rows})
-
-
-def _worth(light: Any, source: Any, shares: F64) -> F64:
-    """(n,) Y(c) / Y(c0) of light of sources."""
-    seen = shares @ light.efficacy
-    return np.where(light.known[source], seen / light.emitted_efficacy[source], 1.0)
 
 
 def _as_colors(shares: F64) -> NDArray[np.uint16]:

@@ -1,7 +1,7 @@
 """Criteria asked of one ray at a time, row by row, in the plainest words.
 
 The oracle of the query room: it knows rays as lists of Python numbers and looks every name up anew.
-It shares the expression tree with the product, and nothing else.
+It shares the expression tree with the product and the reading of places, and nothing else.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import math
 import operator
 from typing import Any
 
+from query.engine.places import parse_place
 from raymap.model.directory import Directory
 from raymap.model.events import FAMILIES, Event
 from tests.naive.path_expression import read_alternatives, tokens_of
@@ -146,6 +147,42 @@ class Interpreter:
 
     # Rays.
 
+    def crosses(self, text: str, ray: Ray) -> bool:
+        """Whether some segment of the ray registers at a place, segment by segment."""
+        place = parse_place(text, self.directory)
+        entry = place.detector
+        u, v, center = entry.axis_u, entry.axis_v, entry.center
+        n = (
+            u[1] * v[2] - u[2] * v[1],
+            u[2] * v[0] - u[0] * v[2],
+            u[0] * v[1] - u[1] * v[0],
+        )
+        for number, (a, b) in enumerate(zip(ray.points, ray.points[1:], strict=False)):
+            p = [x - y for x, y in zip(a.position, center, strict=True)]
+            d = [x - y for x, y in zip(b.position, a.position, strict=True)]
+            leaves = number == len(ray.points) - 2 and bool(b.event & int(Event.LEFT_SCENE))
+            if not any(d):
+                continue
+            if entry.kind == "surface":
+                times = _meets_sphere(p, d, entry.parameters["sphere_radius"], leaves)
+                if place.both_sides and times:
+                    return True
+                continue
+            height, rise = _dot(p, n), _dot(d, n)
+            after = rise * math.inf if leaves and rise else height + rise
+            if (height < 0.0) == (after < 0.0):
+                continue
+            q = [x - height / rise * y for x, y in zip(p, d, strict=True)]
+            inside = all(
+                0.0 <= _dot(q, axis) / size + 0.5 <= 1.0
+                for axis, size in zip((u, v), entry.size, strict=True)
+            )
+            facing = -rise / math.sqrt(_dot(d, d))
+            facing = abs(facing) if place.both_sides else facing
+            if inside and facing > 0.0 and facing >= place.least_cosine:
+                return True
+        return False
+
     def ray(self, node: c.Criterion, ray: Ray) -> bool:
         points = ray.points
         if isinstance(node, c.Hit | c.EventAt | c.All):
@@ -158,6 +195,8 @@ class Interpreter:
             return any(_name_fits(pattern, name) for pattern in node.names for name in names)
         if isinstance(node, c.Detected):
             return any(self.meets(node, m) for p in points for m in p.meetings)
+        if isinstance(node, c.Crosses):
+            return any(self.crosses(text, ray) for text in node.places)
         if isinstance(node, c.Last):
             return self.point(node.point, ray, len(points) - 1)
         if isinstance(node, c.Then):
@@ -388,3 +427,17 @@ class Interpreter:
             return None
         cosine = abs(sum(a * b for a, b in zip(d, n, strict=True))) / size
         return math.degrees(math.acos(min(cosine, 1.0)))
+
+
+def _dot(a: Any, b: Any) -> float:
+    return float(sum(x * y for x, y in zip(a, b, strict=True)))
+
+
+def _meets_sphere(p: Any, d: Any, radius: float, leaves: bool) -> list[float]:
+    """Where along a segment a sphere about the origin lies."""
+    a, b, c0 = _dot(d, d), _dot(p, d), _dot(p, p) - radius**2
+    square = b * b - a * c0
+    if square <= 0.0:
+        return []
+    roots = [(-b - math.sqrt(square)) / a, (-b + math.sqrt(square)) / a]
+    return [t for t in roots if t > 0.0 and (t <= 1.0 or leaves)]

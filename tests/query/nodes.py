@@ -5,6 +5,7 @@ from query.atoms.angle_of_polarisation import AngleOfPolarisation
 from query.atoms.bounces import Bounces
 from query.atoms.count import Count
 from query.atoms.crossed import Crossed
+from query.atoms.crosses import Crosses
 from query.atoms.degree_of_polarisation import DegreeOfPolarisation
 from query.atoms.detected import Detected
 from query.atoms.event import EventAt
@@ -34,6 +35,7 @@ __all__ = [
     "Count",
     "Criterion",
     "Crossed",
+    "Crosses",
     "DegreeOfPolarisation",
     "Detected",
     "EventAt",

@@ -16,6 +16,7 @@ from query.answers.paths.peaks import registrations
 from query.answers.selections.selector import bind_all
 from query.engine.bound import BoundNode
 from query.engine.light import light_at, records_at
+from query.engine.places import seen_by
 from query.engine.scan import Cancel, Progress, Scan
 from query.engine.search import Found
 from query.engine.second_try import asked_again
@@ -52,7 +53,7 @@ def detector_image(
 
     Parameters
     ----------
-    detector : name
+    detector : name, or the description of a place (`query.with_detectors`)
     criterion : text, tree or JSON; None: all rays
     bin : join blocks of so many cells by so many, for a picture of few rays
 
@@ -89,6 +90,7 @@ def detector_images(
     UnknownName, CriterionError, RayMapError
         also where portions have channel sets with different numbers of channels.
     """
+    map = seen_by(map, detector)
     index = _detector_index(map, detector)
     seen = coarser(map.directory.detectors[index], bin)
     shape = _shape(map, seen, len(layers))

@@ -15,6 +15,7 @@ from query.atoms.detected import detected
 from query.atoms.event import event
 from query.atoms.hit import hit, parameter
 from query.engine.context import PathContext
+from query.engine.places import seen_by
 from query.engine.scan import Cancel, Scan
 from query.engine.tally import Tally, source_factors, sums
 from query.expression.atom import Compare
@@ -272,6 +273,7 @@ def ghost_table(
         for a number of reflections below 1.
     """
     map.need_rays()
+    map = map if detector is None else seen_by(map, detector)
     if reflections < 1:
         raise CriterionError(f"a ghost has 1 or more reflections, not {reflections}")
     asked: list[Criterion] = [] if detector is None else [detected(detector)]

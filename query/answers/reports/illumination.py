@@ -71,7 +71,8 @@ class Illumination:
 
     @property
     def critical(self) -> list[str]:
-        """Objects that the detector sees."""
+        """O    map = seen_by(map, detector)
+        bjects that the detector sees."""
         return [row.object for row in self.objects if row.seen_rays]
 
     @property

@@ -10,6 +10,7 @@ import numpy as np
 
 from query.answers.selections.selector import select
 from query.atoms.detected import detected
+from query.engine.places import seen_by
 from query.engine.scan import Cancel
 from query.engine.tally import source_factors
 from query.expression.criterion import Criterion
@@ -69,6 +70,7 @@ def sweep(
     ------
     UnknownName, CriterionError
     """
+    map = seen_by(map, detector)
     own = as_criterion(criterion)
     whole: Criterion = detected(detector)
     if own is not None:
