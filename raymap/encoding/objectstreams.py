@@ -45,8 +45,8 @@ def add_objects(streams: StreamSet, columns: ObjectColumns) -> None:
     for names in (columns.names, distinct):
         if not all(0 < len(name) <= MAX_NAME for name in names):
             raise LimitExceeded(
-                f"the directory cannot be read again: names of objects and faces have 1 to {MAX_NAME} "
-                "characters"
+                "the directory cannot be read again: names of objects and faces have 1 to "
+                f"{MAX_NAME} characters"
             )
     number = {name: k for k, name in enumerate(distinct)}
     _add_json(streams, "object.names", list(columns.names))

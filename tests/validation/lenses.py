@@ -8,6 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+import query
+import raymap
+from raymap.optics.cells import cell_measure
 from tests.tracer.importers.lens_texts import opened, zemax
 from tests.tracer.lens.lenses import N_D, biconvex, parallel_ray
 from tests.tracer.transport.test_peers_lens import GLASSES, RADII, THICKNESSES
@@ -15,7 +18,9 @@ from tests.validation import Row, check
 from tracer.lens import Glass, trace_lens
 from tracer.optics.glasses import find_glass
 from tracer.optics.polarization_rays import PolarizedRays
+from tracer.run.recording import record
 from tracer.scene.load import load_scene
+from tracer.sources.elliptical import EllipticalSource, emit
 from tracer.studies.lens import first_order
 
 SAMPLES = Path(__file__).parents[2] / "samples"
@@ -140,4 +145,94 @@ def lens_file_of_a_crystal() -> list[Row]:
             lens, _ = opened(Path(folder), text)
         got = lens.design()["efl"]
         rows.append(Row(expected=f, got=got, tolerance=1e-6, unit="mm", of=f"f, {nm:g} nm"))
+    return rows
+
+
+@check(
+    what="Field at 8° of a lens file with `VDYN -0.1`, `VCXN 0.2`, `VCYN 0.3`, stop of 10 mm",
+    source="p' = VD + p (1 − VC): an ellipse of π · 25 mm² · 0.8 · 0.7 about y = −0.5 mm; uniform "
+    "over it, variances are a quarter of the squares of the half axes",
+)
+def vignetted_pupil() -> list[Row]:
+    head = "FTYP 0 0 2 1\nXFLN 0 0\nYFLN 0 8\nVDYN 0 -0.1\nVCXN 0 0.2\nVCYN 0 0.3"
+    text = zemax(
+        "STOP;DISZ 5;DIAM 5 0",
+        "CURV 0.02;DISZ 5;GLAS N-BK7 0 0 1.5168 64.17;DIAM 14 0",
+        "CURV -0.02;DISZ 90;DIAM 14 0",
+        "DIAM 60 0",
+        head=head,
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        source = EllipticalSource.model_validate(opened(Path(folder), text)[0].sources()["field_2"])
+    origin, frame = source.frame()
+    n = 40_000
+    drawn = [emit(np.array(source.own()), *u, 0.0, 0.0, 0.0) for u in _halton(n)]
+    rays = np.array(drawn)
+    p, d = origin + rays[:, :3] @ frame.T, rays[:, 3:] @ frame.T
+    x, y, _ = (p - d * (p[:, 2:] / d[:, 2:])).T
+    area = math.pi * 4.0 * float(x.std() * y.std())
+    return [
+        Row(
+            expected=math.pi * 25.0 * 0.56, got=area, tolerance=0.02, unit="mm²", of="area on stop"
+        ),
+        Row(expected=-0.5, got=float(y.mean()), tolerance=0.002, unit="mm", of="middle"),
+    ]
+
+
+def _halton(n: int) -> list[tuple[float, float]]:
+    """Places of the unit square, more even than random ones (Halton, bases 2 and 3)."""
+
+    def radical(k: int, base: int) -> float:
+        value, share = 0.0, 1.0
+        while k:
+            share /= base
+            value += share * (k % base)
+            k //= base
+        return value
+
+    return [(radical(k, 2), radical(k, 3)) for k in range(1, n + 1)]
+
+
+@check(
+    what="Direct light on the detector of a lens file, image at the marginal focus, R = ±50 mm",
+    source="(1 − R)², R = ((n − 1)/(n + 1))² at both faces, near the normal; none of it beside",
+)
+def all_light_at_the_marginal_focus() -> Row:
+    text = zemax(
+        "STOP;CURV 0.02;DISZ 5;GLAS N-BK7 0 0 1.5 40;DIAM 10 0",
+        "CURV -0.02;DISZ 46.5;DIAM 10 0",
+        "CURV 0;DISZ 0",
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "lens.zmx").write_text(text, encoding="utf-8")
+        path = Path(folder) / "a.raymap"
+        record(load_scene(Path(folder) / "lens.zmx"), path, rays=20_000, seed=1)
+        with raymap.open(path) as ray_map:
+            image = query.detector_image(ray_map, "image", "bounces == 2")
+    n = 1.516800035
+    expected = (1.0 - ((n - 1.0) / (n + 1.0)) ** 2) ** 2
+    se = image.total_se
+    return Row(expected=expected, got=image.total, got_error=se, tolerance=5.0 * se, unit="W")
+
+
+@check(
+    what="Areas of the cells of a map of a lens face, R = 50 mm, 40 mm wide, together",
+    source="A cap of a sphere: 2 π R (R − √(R² − 20²))",
+)
+def areas_of_a_cap() -> list[Row]:
+    area = 2.0 * math.pi * 50.0 * (50.0 - math.sqrt(2500.0 - 400.0))
+    rows = []
+    for cells in ((7, 7), (100, 100), (4000, 4000)):
+        law = {"kind": "revolution", "outer": 20.0, "curvature": 0.02}
+        detector = raymap.Detector(
+            name="face",
+            kind="surface",
+            cells=cells,
+            size=(40.0, 40.0),
+            parameters={"area_law": law},
+        )
+        measure = cell_measure(detector, "m")
+        assert measure is not None
+        got = measure.sizes.total()
+        rows.append(Row(expected=area, got=got, tolerance=0.1, unit="mm²", of=f"{cells[0]}² cells"))
     return rows
