@@ -1,4 +1,4 @@
-"""Formats of pictures and of 3D files of another distribution."""
+"""Formats of pictures, charts and 3D files of another distribution."""
 
 from __future__ import annotations
 
@@ -73,6 +73,17 @@ def test_a_3d_file_holds_every_segment(site: Path, path: Path, tmp_path: Path) -
     assert any(row.startswith("body") for row in rows)
 
 
+def test_a_chart_is_written_by_its_suffix(site: Path, path: Path, tmp_path: Path) -> None:
+    with raymap.open(path) as opened:
+        name = opened.directory.detectors[0].name
+    chart = tmp_path / "a.eps"
+    done = run(site, "-m", "raymap", "chart", str(path), name, "-o", str(chart))
+    assert done.returncode == 0, done.stderr
+    text = chart.read_text(encoding="latin-1")
+    assert text.startswith("%!PS-Adobe-3.0 EPSF-3.0")
+    assert text.endswith("showpage\n")
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -89,6 +100,7 @@ def test_a_3d_file_holds_every_segment(site: Path, path: Path, tmp_path: Path) -
             ("picture", "{map}", "-o", "a.exr"),
             "in .png, .tiff, .tif, .ppm, not 'a.exr'",
         ),
+        (("chart", "{map}", "{detector}", "-o", "a.xyz"), ".png, .pdf, .svg, .eps, not 'a.xyz'"),
         (("export-3d", "{map}", "-o", "a.xyz"), ".step, .stp, .lines, not 'a.xyz'"),
     ],
 )

@@ -15,8 +15,10 @@ from query.answers.images.readings import reading_lines, readings
 from raymap import RayMap
 from raymap.model.errors import RayMapError
 from raymap.model.extras import require
+from raymap.model.fileformat import by_suffix, known_suffixes
 from raymap.model.replacing import check_place, replacing
 from viewer.drawn.falsecolor import COLORMAPS, apply_colormap
+from viewer.paint.chart_formats.format import CHART_FORMATS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,7 +28,6 @@ __all__ = ["chart"]
 
 Array = NDArray[np.float64]
 
-_KINDS = ("png", "pdf", "svg")
 _DECADES = 1e-5
 """A logarithmic scale without a lower end goes down to this share of the highest value."""
 _PICTURE = (5.6, 4.4)
@@ -60,7 +61,7 @@ def chart(
     ----------
     detector : name
     criterion : text, tree or JSON; None: all rays
-    out : .png, .pdf or .svg
+    out : .png, .pdf or .svg, and others as they are installed (``raymap kinds chart_formats``)
     bin : join blocks of so many cells by so many, against speckle
     luminous : lux, candela … of a spectral map in watts
     log : a logarithmic scale
@@ -82,8 +83,10 @@ def chart(
         Matplotlib is not installed.
     """
     target = Path(out)
-    if target.suffix[1:].lower() not in _KINDS:
-        raise RayMapError(f"charts end in .png, .pdf or .svg, not {target.name!r}")
+    chosen = by_suffix(CHART_FORMATS, target)
+    if chosen is None:
+        known = known_suffixes(CHART_FORMATS.kinds())
+        raise RayMapError(f"charts end in {known}, not {target.name!r}")
     check_place(target)
     if colors not in COLORMAPS:
         raise RayMapError(f"no colour map {colors!r}; there are {', '.join(COLORMAPS)}")
@@ -105,7 +108,7 @@ def chart(
     figure.suptitle(_cut(heading.removeprefix(" – "), 90), fontsize=11)
     figure.text(0.5, 0.015, _wrapped(reading_lines(numbers)), ha="center", fontsize=9)
     with replacing(target) as beside:
-        figure.savefig(beside, dpi=130, format=target.suffix[1:].lower())
+        chosen.write(beside, figure)
     return numbers
 
 

@@ -74,7 +74,7 @@ def test_numbers_of_a_chart_are_those_of_the_picture(small_map: RayMap, tmp_path
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"out": "chart.jpg"}, r"charts end in \.png, \.pdf or \.svg, not 'chart\.jpg'"),
+        ({"out": "chart.jpg"}, r"charts end in \.png, \.pdf, \.svg, not 'chart\.jpg'"),
         ({"colors": "jet"}, "no colour map 'jet'; there are inferno"),
         ({"low": 2.0, "high": 1.0}, "the scale must go up"),
         ({"at": (10.0, 0.0)}, r"beside the detector: u goes from -9 to 9, v from -6 to 6 mm"),

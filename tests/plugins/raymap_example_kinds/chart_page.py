@@ -1,0 +1,9 @@
+"""Charts as encapsulated PostScript."""
+
+from viewer.paint.chart_formats.format import ChartFormat
+
+FORMAT = ChartFormat(
+    suffixes=(".eps",),
+    title="a page of PostScript",
+    write=lambda path, figure: figure.savefig(path, format="eps"),
+)

@@ -1,0 +1,1 @@
+"""Formats of charts, a file each."""
