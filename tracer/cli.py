@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
+import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -18,6 +21,9 @@ if TYPE_CHECKING:
     from tracer.scene.model import Scene
 
 __all__ = ["register"]
+
+_AGAIN_SECONDS = 0.05
+"""Until a signal that got lost is sent again."""
 
 SceneArgument = Annotated[
     Path,
@@ -115,15 +121,29 @@ def record(
 
 @contextlib.contextmanager
 def _stopped_by_sigterm() -> Iterator[None]:
-    """Take SIGTERM as Ctrl-C: what is under way is finished, and the map closed."""
+    """Take SIGTERM as Ctrl-C: what is under way is finished, and the map closed.
+
+    While code compiles, either may come within a callback or a finaliser, from where no exception
+    gets out: Python would print it and go on. It is sent again then.
+    """
 
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
 
-    before = signal.signal(signal.SIGTERM, stop)
+    def again(lost: Any) -> None:
+        if not issubclass(lost.exc_type, KeyboardInterrupt):
+            told(lost)
+            return
+        later = threading.Timer(_AGAIN_SECONDS, os.kill, (os.getpid(), signal.SIGTERM))
+        later.daemon = True
+        later.start()
+
+    before, told = signal.signal(signal.SIGTERM, stop), sys.unraisablehook
+    sys.unraisablehook = again
     try:
         yield
     finally:
+        sys.unraisablehook = told
         signal.signal(signal.SIGTERM, before)
 
 

@@ -76,6 +76,9 @@ _TOKEN = re.compile(
 )
 _QUANTIFIER = re.compile(r"[*+?]|\{(\d+)(?:(,)(\d*))?\}")
 
+_LONGEST_REPETITION = 20
+"""Characters of a repetition; paths have no more points than 9 digits say."""
+
 
 @dataclass
 class _Glushkov:
@@ -208,6 +211,8 @@ class _PathParser:
             return _Glushkov(part.nullable or symbol == "*", part.first, part.last)
         if symbol == "?":
             return _Glushkov(True, part.first, part.last)
+        if len(symbol) > _LONGEST_REPETITION:
+            raise self.fail(f"the repetition {symbol[:20]}… is too large")
         least = int(quantifier.group(1))
         open_end = quantifier.group(2) is not None and not quantifier.group(3)
         most = least if quantifier.group(2) is None else int(quantifier.group(3) or least)

@@ -9,6 +9,7 @@ import re
 from query.expression.names import canonical, nearest_names
 from raymap.model.errors import CriterionError
 from raymap.model.events import FAMILIES, Event, event_names
+from raymap.model.textfile import plain_number
 
 __all__ = [
     "EventSet",
@@ -76,13 +77,25 @@ def event_sets(value: object) -> tuple[EventSet, ...]:
     raise CriterionError(f"expected an event word or Event, found {value!r}")
 
 
+def _shown(value: object) -> str:
+    """A value in a message; of long ones how they begin."""
+    try:
+        text = repr(value)
+    except ValueError:  # digits without end
+        text = f"{type(value).__name__} of many digits"
+    return text if len(text) <= 60 else f"{text[:60]}…"
+
+
 def finite(value: object) -> float:
     """A number that is one, or an error that says so."""
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
-        raise CriterionError(f"expected a number, found {value!r}")
-    number = float(value)
+        raise CriterionError(f"expected a number, found {_shown(value)}")
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
     if not math.isfinite(number):
-        raise CriterionError(f"expected a finite number, found {value!r}")
+        raise CriterionError(f"expected a finite number, found {_shown(value)}")
     return number + 0.0  # one zero only
 
 
@@ -90,9 +103,10 @@ def measure(value: object) -> tuple[float, str]:
     """A number, or a text such as ``"12.5 mm"``, as (number, unit)."""
     if isinstance(value, str):
         match = re.fullmatch(r"\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*([^\d\s]\S*)?\s*", value)
-        if match is None:
+        number = None if match is None else plain_number(match.group(1))
+        if match is None or number is None:
             raise CriterionError(
-                f"expected a number with a unit such as '12.5 mm', found {value!r}"
+                f"expected a number with a unit such as '12.5 mm', found {_shown(value)}"
             )
-        return finite(float(match.group(1))), match.group(2) or ""
+        return finite(number), match.group(2) or ""
     return finite(value), ""

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperCommand
 
+from raymap.cli.numbers import check_numbers
 from raymap.cli.options import Panel
 from raymap.cli.terminal import plain_streams
 from raymap.model.errors import CriterionError, RayMapError
@@ -100,6 +101,8 @@ class _Command(TyperCommand):
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command; texts of files that it prints do nothing to a terminal."""
+        for parameter in self.params:
+            check_numbers(ctx.params.get(parameter.name or ""), parameter, ctx)
         with plain_streams():
             return super().invoke(ctx)
 

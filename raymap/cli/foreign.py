@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -11,6 +10,7 @@ import typer
 from raymap.cli.options import Force, Json, emit_json
 from raymap.model.errors import RayMapError
 from raymap.model.givenfile import given_text
+from raymap.model.giventext import toml_tables
 
 __all__ = ["import_"]
 
@@ -57,10 +57,7 @@ def _read_names(path: Path | None) -> dict[str, str]:
     """Names by number; a table ``[names]`` or the keys of the file itself."""
     if path is None:
         return {}
-    try:
-        table: Any = tomllib.loads(given_text(path, "file of names"))
-    except tomllib.TOMLDecodeError as error:
-        raise RayMapError(f"{path}: names cannot be read: {error}") from None
+    table: Any = toml_tables(given_text(path, "file of names"), f"{path}: names")
     table = table.get("names", table)
     if not all(isinstance(value, str) and value for value in table.values()):
         raise RayMapError(f'{path}: write names as 3 = "lens" and "3.1" = "front"')

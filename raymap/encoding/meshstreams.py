@@ -105,6 +105,7 @@ def _mesh_of_version_1(file: MapFile, chunk: Chunk, number: int) -> DisplayMesh:
 def _is_sound(mesh: DisplayMesh) -> bool:
     return (
         mesh.vertices.shape == (len(mesh.vertices), 3)
+        and bool(np.isfinite(mesh.vertices).all())
         and mesh.triangles.shape == (len(mesh.triangles), 3)
         and mesh.face.shape == (len(mesh.triangles),)
         and (

@@ -13,11 +13,15 @@ from typing import Any
 from pydantic import BaseModel
 
 from raymap.model.errors import FormatError, LimitExceeded
+from raymap.model.giventext import json_value
 from raymap.model.limits import MAX_JSON
 
 __all__ = ["parse_json", "plain", "whole_number", "write_json"]
 
 _EXACT = 2**53 - 1
+
+_DEEPEST = 128
+"""Levels of lists and objects in a text of a map; what writes them again has limits of its own."""
 
 
 def write_json(value: Any, what: str) -> bytes:
@@ -67,12 +71,29 @@ def parse_json(data: bytes, kind: type, what: str) -> Any:
     FormatError
     """
     try:
-        value = json.loads(data)
-    except (ValueError, RecursionError) as error:
+        value = json_value(data)
+    except ValueError as error:
         raise FormatError(f"{what} holds no sound JSON: {error}") from None
     if not isinstance(value, kind):
         raise FormatError(f"{what} holds no JSON {'object' if kind is dict else 'array'}")
+    if data.count(b"[") + data.count(b"{") > _DEEPEST and _nests(value, _DEEPEST):
+        raise FormatError(f"{what} nests deeper than {_DEEPEST} levels")
     return value
+
+
+def _nests(value: Any, most: int) -> bool:
+    """Whether lists and objects stand within each other deeper than so many levels."""
+    level = [value]
+    for _ in range(most):
+        level = [
+            inner
+            for each in level
+            for inner in (each.values() if isinstance(each, dict) else each)
+            if isinstance(inner, dict | list)
+        ]
+        if not level:
+            return False
+    return True
 
 
 def plain(value: Any) -> Any:

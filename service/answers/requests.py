@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import math
 from typing import Any
 
 from raymap.model.errors import CriterionError, RayMapError
+from raymap.model.giventext import json_value
 from service.limits import Limits
 
 __all__ = ["BadRequest", "Request"]
@@ -33,10 +33,9 @@ class Request:
                 "taken"
             )
         try:
-            fields = json.loads(body) if body else {}
-        except (ValueError, RecursionError) as error:
-            line = "it nests too deeply" if isinstance(error, RecursionError) else str(error)
-            raise BadRequest(f"{what}: the request is no JSON: {line}") from None
+            fields = json_value(body) if body else {}
+        except ValueError as error:
+            raise BadRequest(f"{what}: the request is no JSON: {error}") from None
         if not isinstance(fields, dict):
             raise BadRequest(f"{what}: a request is a JSON object, not {type(fields).__name__}")
         self._fields: dict[str, Any] = fields
@@ -67,7 +66,7 @@ class Request:
         """A whole number within bounds."""
         value = self._take(key, int, "a whole number", default)
         if value is not default and not least <= value <= most:
-            raise BadRequest(f"{self.what}: {key!r} must be {least} to {most}, not {value}")
+            raise BadRequest(f"{self.what}: {key!r} must be {least} to {most}, not {_short(value)}")
         return value
 
     def number(self, key: str, least: float, most: float, default: Any = ...) -> Any:

@@ -117,7 +117,7 @@ class ServedFolder:
         if not isinstance(name, str) or not name or len(name) > 1000 or "\0" in name:
             raise OutsideFolder("a path is a text such as 'maps/lens.raymap'")
         plain = PurePosixPath(name.replace("\\", "/"))
-        drive = PureWindowsPath(name).drive or ":" in plain.parts[0]
+        drive = PureWindowsPath(name).drive or ":" in "".join(plain.parts[:1])
         if plain.is_absolute() or drive or ".." in plain.parts or name.startswith("~"):
             raise OutsideFolder(
                 f"{name!r} is outside the served folder: paths are relative to it, without '..'"

@@ -6,7 +6,6 @@ Lengths in mm, angles in degrees, wavelengths in nm.
 from __future__ import annotations
 
 import math
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -16,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from raymap.model.errors import SceneError
 from raymap.model.givenfile import given_text
+from raymap.model.giventext import toml_tables
 from tracer.crystals.media import Crystal, calcite, rotation_between
 
 __all__ = [
@@ -103,10 +103,7 @@ def parse_toml(kind: type[Description], text: str, source: str) -> Description:
     SceneError
         naming the key that is wrong
     """
-    try:
-        return checked(kind, tomllib.loads(text), source)
-    except tomllib.TOMLDecodeError as error:
-        raise SceneError(f"{source}: not TOML: {error}") from None
+    return checked(kind, toml_tables(text, source, SceneError), source)
 
 
 def checked(kind: type[Description], tables: Any, source: str) -> Description:

@@ -6,7 +6,6 @@ Lengths in mm, angles in degrees, wavelengths in nm, colours in sRGB as on a scr
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Annotated
 
@@ -16,6 +15,7 @@ from pydantic import Field
 
 from raymap.model.errors import MissingExtra, SceneError
 from raymap.model.givenfile import check_given
+from raymap.model.giventext import toml_tables
 from raymap.optics.colorimetry import decode_srgb
 from tracer.crystals.load import Model, Number, Vector, checked, read_text
 from tracer.crystals.scene_language import bodies_of, world_of
@@ -143,7 +143,8 @@ def load_render_text(text: str, *, folder: Path = Path(), source: str = "scene")
         naming the key that is wrong
     """
     scene = parse_scene(text, origin=source, folder=folder)
-    tables = {key: value for key, value in tomllib.loads(text).items() if key in _TABLES}
+    given_tables = toml_tables(text, source, SceneError)
+    tables = {key: value for key, value in given_tables.items() if key in _TABLES}
     if "room" not in tables or "camera" not in tables:
         raise SceneError(
             f"{source}: a picture needs [room] and [camera] beside the bodies; "

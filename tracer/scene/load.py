@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, get_args
@@ -12,6 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from raymap.model.errors import SceneError
 from raymap.model.givenfile import given_text
+from raymap.model.giventext import toml_tables
 from raymap.model.names import meant, nearest_names
 from raymap.model.registry import Registry
 from tracer.bodies.body import Body
@@ -130,14 +130,7 @@ def parse_scene(
 def _parse(
     text: str, variants: Sequence[str], simulation: str | None, origin: str, folder: str | Path
 ) -> Scene:
-    try:
-        tree = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise SceneError(f"{origin}: not a TOML file: {error}") from None
-    except RecursionError:
-        raise SceneError(f"{origin}: brackets nest too deep to be read") from None
-    except ValueError as error:  # a number of thousands of digits
-        raise SceneError(f"{origin}: a number cannot be read: {error}") from None
+    tree = toml_tables(text, origin, SceneError)
     chosen = _simulation(tree, simulation, origin)
     known = _table(tree, "variants", origin)
     tree.pop("variants", None)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from typing import Any
 
 from raymap.model.errors import RayMapError
+from raymap.model.giventext import json_value
 from viewer.app.core import Core
 from viewer.app.inquiry import criterion_error
 from viewer.drawn.answers import check_criterion
@@ -28,7 +28,7 @@ class CriterionActions(Core):
     def load(self, text: str) -> None:
         """Take the session of a file that was opened in the page."""
         try:
-            values = json.loads(text)
+            values = json_value(text)
         except ValueError:
             raise StateError("this file is not a saved session (not JSON)") from None
         self._restart(state_from_json(values))

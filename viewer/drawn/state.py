@@ -22,6 +22,7 @@ from typing import Any, Literal, TypeVar
 
 from raymap.model.errors import RayMapError
 from raymap.model.givenfile import given_bytes
+from raymap.model.giventext import json_value
 from raymap.model.replacing import replacing
 
 __all__ = [
@@ -327,7 +328,7 @@ def state_from_address(text: str) -> ViewState:
     try:
         packed = base64.urlsafe_b64decode(text + "=" * (-len(text) % 4))
         plain = zlib.decompressobj().decompress(packed, _MAX_BYTES)
-        values = json.loads(plain)
+        values = json_value(plain)
     except (binascii.Error, zlib.error, UnicodeError, ValueError):
         raise StateError(
             "the session in the address is incomplete; copy the whole address"
@@ -352,7 +353,7 @@ def load_state(path: str | Path) -> ViewState:
     """
     text = given_bytes(path, "saved session", StateError, largest=_MAX_BYTES)
     try:
-        values = json.loads(text)
+        values = json_value(text)
     except ValueError:
         raise StateError(f"saved session {str(path)!r} is not JSON") from None
     return state_from_json(values)

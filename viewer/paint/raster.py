@@ -16,8 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.jit.kernels import kernel
+from raymap.model.errors import RayMapError
 
-__all__ = ["NEAR", "draw_segments"]
+__all__ = ["NEAR", "WIDEST", "draw_segments"]
+
+WIDEST = 1000.0
+"""Width of a line [pixels] at most."""
 
 NEAR = 1e-3
 """Points nearer to a perspective camera than this part of its distance are cut away."""
@@ -163,7 +167,19 @@ def draw_segments(
     depth : (height, width) float32, depth of opaque bodies; infinite where there is none
     image : (height, width, 4) float32, premultiplied, drawn over in place
     threads : bands of rows drawn at the same time; None takes the processors
+
+    Raises
+    ------
+    RayMapError
+        The width is no number of pixels above 0 and up to `WIDEST`, or arrays do not belong
+        together.
     """
+    if not 0.0 < width <= WIDEST:
+        raise RayMapError(f"lines may be up to {WIDEST:g} pixels wide, not {width:g}")
+    n = len(segments)
+    shapes = (segments.shape, rgba.shape, matrix.shape, image.shape)
+    if shapes != ((n, 2, 3), (n, 4), (4, 4), (*depth.shape, 4)) or depth.ndim != 2:
+        raise RayMapError(f"segments, colours, matrix and picture do not fit together: {shapes}")
     rows = depth.shape[0]
     n_bands = max(1, min(threads or os.cpu_count() or 1, rows // 64 or 1))
     bounds = np.linspace(0, rows, n_bands + 1).astype(int)

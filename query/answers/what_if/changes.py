@@ -6,7 +6,6 @@ sources; wildcards are those of criteria.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -27,6 +26,7 @@ from raymap.laws.stored import Laws
 from raymap.laws.table import TableLaw
 from raymap.model.directory import ChannelSet, Directory, Source
 from raymap.model.errors import RayMapError, UnknownName
+from raymap.model.giventext import toml_tables
 from raymap.model.wildcards import Wildcard
 from raymap.passes.reweighting import ChangedLaws, MediumChange
 
@@ -70,8 +70,8 @@ def _value(text: str, whole: str) -> Any:
         except ValueError:
             raise RayMapError(f"--set {whole!r}: {text!r} is no number of percent") from None
     try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except (ValueError, RecursionError):
+        return toml_tables(f"value = {text}", "--set")["value"]
+    except RayMapError:
         raise RayMapError(
             f"--set {_shown(whole)}: the value cannot be read; numbers, 0.5%, true, "
             "[a, b, c] by channel, or a table {key = value}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -152,3 +153,26 @@ def test_sigterm_ends_a_recording_as_ctrl_c_does(
     with raymap.open(path) as ray_map:
         assert ray_map.finished
         assert ray_map.rays > 0
+
+
+def test_sigterm_within_a_finaliser_is_not_lost(capsys: Any) -> None:
+    """From there Python prints the exception and goes on."""
+    import gc
+
+    from tracer.cli import _stopped_by_sigterm
+
+    class Finalised:
+        def __del__(self) -> None:
+            signal.raise_signal(signal.SIGTERM)
+            # The handler runs before the next line
+            self.reached = True
+
+    def block() -> None:
+        with _stopped_by_sigterm():
+            Finalised()
+            gc.collect()
+            time.sleep(60)
+
+    with pytest.raises(KeyboardInterrupt):
+        block()
+    assert capsys.readouterr().err == ""

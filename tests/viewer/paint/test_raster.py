@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from raymap.model.errors import RayMapError
 from tests.examples import examples
 from viewer.paint.raster import draw_segments
 
@@ -93,3 +94,15 @@ def test_huge_and_degenerate_lines_do_no_harm() -> None:
 def test_nothing_drawn_leaves_the_picture() -> None:
     assert draw(np.empty((0, 2, 3))).sum() == 0
     assert draw([[10, 10, 0], [50, 50, 0]], alpha=0).sum() == 0
+
+
+@pytest.mark.parametrize("width", [0.0, -1.0, 1001.0, 1e300, float("nan"), float("inf")])
+def test_lines_have_a_width(width):
+    arrays = np.zeros((1, 2, 3), np.float32), np.full((1, 4), 255, np.uint8), np.eye(4)
+    depth, image = np.ones((8, 8), np.float32), np.zeros((8, 8, 4), np.float32)
+    with pytest.raises(RayMapError, match="pixels wide"):
+        draw_segments(*arrays, width=width, depth=depth, image=image)
+    for wrong in (image[:, :7], image[..., :3]):
+        with pytest.raises(RayMapError, match="do not fit together"):
+            draw_segments(*arrays, width=1.0, depth=depth, image=wrong)
+    assert not image.any()

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 from raymap.model.errors import SceneError
+from raymap.model.giventext import json_value
 from tracer.description.named_files import named_file
 from tracer.geometry.mesh_format import MeshArrays, MeshFormat
 from tracer.geometry.trimesh_files import check_parts, read_with_trimesh
@@ -51,7 +51,7 @@ def _check(file: Path, where: str) -> list[str]:
         if data[:4] == b"glTF":
             length = int.from_bytes(data[12:16], "little")
             data = data[20 : 20 + length]
-        described = json.loads(data)
+        described = json_value(data)
         views = [_count(view, "byteLength") for view in described.get("bufferViews", [])]
         for accessor in described.get("accessors", []):
             rows, place = _count(accessor, "count"), accessor.get("bufferView")

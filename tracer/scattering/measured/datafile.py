@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -10,6 +9,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from raymap.model.givenfile import given_text
+from raymap.model.giventext import toml_tables
 from tracer.scattering.measured.bsdf_xml import read_bsdf_xml
 from tracer.scattering.measured.measurement import (
     FluxTable,
@@ -87,11 +87,8 @@ def load_measurement(path: Path | str) -> tuple[MaterialMeasurement, FitSettings
     """
     where = Path(path)
     try:
-        data = _DataFile.model_validate(
-            tomllib.loads(given_text(where, "measurement file", MeasurementError))
-        )
-    except tomllib.TOMLDecodeError as error:
-        raise MeasurementError(f"{where.name}: not a TOML file: {error}") from None
+        text = given_text(where, "measurement file", MeasurementError)
+        data = _DataFile.model_validate(toml_tables(text, where.name, MeasurementError))
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])

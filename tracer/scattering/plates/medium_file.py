@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,6 +10,7 @@ from pydantic import ValidationError
 
 from raymap.model.errors import SceneError
 from raymap.model.givenfile import given_text
+from raymap.model.giventext import toml_tables
 from tracer.media.keys.key import At
 from tracer.media.model import medium_model
 from tracer.scattering.plates.medium import ScatteringMedium
@@ -32,10 +32,8 @@ def load_media(
     name : of the medium; the first that scatters otherwise
     wavelengths_nm : where it is wanted [nm]
     """
-    try:
-        tables = tomllib.loads(given_text(path, "material file", SceneError)).get("media", {})
-    except tomllib.TOMLDecodeError as error:
-        raise SceneError(f"{path}: not a TOML file: {error}") from None
+    text = given_text(path, "material file", SceneError)
+    tables = toml_tables(text, str(path), SceneError).get("media", {})
     scattering = [key for key, table in tables.items() if "scattering" in table]
     chosen = name or (scattering[0] if scattering else "")
     if chosen not in scattering:
