@@ -14,7 +14,7 @@ import pytest
 import raymap
 from raymap.cli.terminal import PlainStream, console, live_line, plain_streams
 from raymap.model.directory import InputFile
-from tests.fuzz.fuzz_values import put_together, take_apart
+from tests.fuzz.fuzz_values import Seed, put_together
 from tests.viewer.small_map import make_directory, make_meshes, make_portion, rgb_channels
 from tests.viewer.test_strange_names import is_active
 
@@ -91,7 +91,7 @@ def hostile(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, int]:
         writer.start_run(seed=1, parameters=told)
         writer.append(make_portion(150))
         writer.finish()
-    parts = take_apart(path)
+    parts = Seed("", path).parts
     changed = 0
     for value, streams in texts_of(parts):
         sound = value

@@ -220,7 +220,12 @@ def portion_problem(portion: StoredPortion) -> str | None:
 
 
 def _check_others(ray_map: RayMap) -> None:
-    """Chunks that are no portions."""
+    """Chunks that are no portions, and what of the directory is decoded when it is asked for."""
+    try:
+        ray_map.directory.object_columns.parse_further()
+        ray_map.meshes  # noqa: B018
+    except FormatError as error:
+        ray_map.note_damage(Damage(None, FILE_HEADER_SIZE, 0, f"directory: {error}"))
     channels = [channel_set.n_channels for channel_set in ray_map.channel_sets]
     for offset, tag in ray_map.other_chunks:
         try:

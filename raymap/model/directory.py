@@ -327,6 +327,17 @@ class Directory(Entry):
                 raise ValueError(f"detector {detector.name!r} names object {detector.object}")
         return self
 
+    def model_dump(self, **options: Any) -> dict[str, Any]:
+        """As pydantic's; what is parsed late must not fail within it, which hides the error."""
+        if "objects" not in (options.get("exclude") or ()):
+            self.object_columns.parse_further()
+        return super().model_dump(**options)
+
+    def model_dump_json(self, **options: Any) -> str:
+        """As `model_dump`."""
+        self.object_columns.parse_further()
+        return super().model_dump_json(**options)
+
     @property
     def object_columns(self) -> ObjectColumns:
         """The objects as columns."""

@@ -161,6 +161,16 @@ class ObjectColumns:
         there = self.axis != NO_QUADRIC
         return np.where(there, np.cumsum(there) - 1, -1)
 
+    def parse_further(self) -> None:
+        """Parse the further keys of all rows; those of a file may turn out not to be sound.
+
+        Raises
+        ------
+        FormatError
+        """
+        for further in (self.of_objects, self.of_faces, self.of_shapes):
+            further.rows  # noqa: B018
+
     @cached_property
     def _lists(self) -> dict[str, list[int]]:
         """Columns as lists, of which one number is taken faster."""

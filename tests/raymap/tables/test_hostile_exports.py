@@ -11,7 +11,7 @@ import pytest
 
 import raymap
 from raymap.file.verify import verify
-from tests.fuzz.fuzz_values import put_together, take_apart
+from tests.fuzz.fuzz_values import Seed, put_together
 from tests.viewer.small_map import make_directory, make_meshes, make_portion, rgb_channels
 
 
@@ -27,7 +27,7 @@ def with_further(path: Path, keys: Any) -> Path:
         writer.add_channel_set(rgb_channels())
         writer.append(make_portion(20))
         writer.finish()
-    parts = take_apart(path)
+    parts = Seed("", path).parts
     for part in parts:
         for stream in part.streams:
             if stream.name.endswith("face.further"):
@@ -69,7 +69,7 @@ def test_keys_that_nest_without_end_are_refused(tmp_path: Path) -> None:
 
 def test_vertices_that_are_nowhere_are_damage(tmp_path: Path) -> None:
     path = with_further(tmp_path / "map.raymap", {})
-    parts = take_apart(path)
+    parts = Seed("", path).parts
     for part in parts:
         for stream in part.streams:
             if stream.name == "mesh.vertex":
