@@ -72,6 +72,7 @@ _KERNELS = {
         },
     ),
     "radial._fill_radial": ("Law", {"radial._shares"}),
+    "rough._fill": ("Law", {"rough.bsdf"}),
     "tabulated.eval_tabulated": (
         "Law",
         {"bsdf.pdf_tabulated", "likelihoods._tabulated", "tabulated.towards_tabulated"},

@@ -68,12 +68,22 @@ class _Stage:
     def __init__(self, compiled: Any) -> None:
         self._compiled = compiled
 
+    def __call__(self, *arguments: Any, **named: Any) -> None:
+        name = self._compiled.py_func.__qualname__
+        raise TypeError(
+            f"{name} is called by its address from compiled code alone; from Python call its plain "
+            f"source {name}.py_func"
+        )
+
     def __getattr__(self, name: str) -> Any:
         return getattr(self._compiled, name)
 
 
 def inner_kernel(function: F) -> F:
-    """As `lean_kernel`, to be called from compiled code only: compiled as a part of its callers."""
+    """As `lean_kernel`, to be called from compiled code only: compiled as a part of its callers.
+
+    Called from Python it raises TypeError.
+    """
     return _part(function, forceinline=False)
 
 
@@ -95,7 +105,27 @@ def _part(function: F, *, forceinline: bool) -> F:
         no_cpython_wrapper=True,
         no_cfunc_wrapper=True,
     )(function)
+    _keep_from_python(compiled, function.__qualname__)
     return cast(F, compiled)
+
+
+def _keep_from_python(compiled: Any, name: str) -> None:
+    """Let a part raise where Python calls it: it has no entry, and the interpreter would crash.
+
+    What Numba compiles of it is kept for callers, and not entered where Python's calls look.
+    """
+
+    def keep(result: Any) -> None:
+        compiled.overloads[tuple(result.signature.args)] = result
+
+    def refuse(*arguments: Any, **named: Any) -> None:
+        raise TypeError(
+            f"{name} is a part of compiled code, which alone can call it; from Python call a "
+            f"function that is made by kernel or lean_kernel, or the plain source {name}.py_func"
+        )
+
+    compiled.add_overload = keep
+    compiled._compile_for_args = refuse
 
 
 @inline_kernel
