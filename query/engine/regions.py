@@ -38,7 +38,9 @@ class BoundRegion:
         if self.shape == "rect":
             inside = (first <= x) & (x < third) & (second <= y) & (y < fourth)
         else:
-            inside = ((x - first) / third) ** 2 + ((y - second) / fourth) ** 2 <= 1
+            # Of radii near zero places are as far away as no number says, which is outside
+            with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+                inside = ((x - first) / third) ** 2 + ((y - second) / fourth) ** 2 <= 1
         return inside
 
     @property

@@ -16,6 +16,7 @@ Cases are numbered as in `fuzz_values`, and run in another process as there.
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import dataclasses
 import json
@@ -30,6 +31,7 @@ sys.path.insert(0, str(_ROOT))
 import numpy as np  # noqa: E402
 
 import raymap  # noqa: E402
+from query import path_table, select, what_if  # noqa: E402
 from raymap.bytes.layout import CHANNELS, FOOTER  # noqa: E402
 from raymap.file.verify import verify  # noqa: E402
 from raymap.laws.lambertian import LambertianLaw  # noqa: E402
@@ -149,8 +151,32 @@ def one_case(seed: Seed, dice: random.Random, path: Path) -> int:
             texts[tag].values = np.frombuffer(json.dumps(data).encode(), np.uint8)
     path.write_bytes(put_together(parts))
     sound = _exercise(path, before)
+    _revise(path, dice)
     assert not sound or len(told) == 2 or laws == before, f"verify finds {told} alone sound"
     return n
+
+
+_CHANGES: tuple[dict[str, object], ...] = (
+    {"lens.reflectance": 0.5},
+    {"box.reflectance": 0.5},
+    {"lens.black": True},
+    {"*.transmittance": 1e-300},
+    {"m1.absorption": 1e30},
+    {"m2.absorption": 1e-320},
+    {"m3.scattering": 1e30},
+    {"m4.scattering": 0.5, "m5.absorption": 0.1},
+    {"lamp.flux": 10.0},
+)
+
+
+def _revise(path: Path, dice: random.Random) -> None:
+    """Ask what would be under some changes; only the project's own errors are let go."""
+    with contextlib.suppress(raymap.RayMapError), raymap.open(path, on_damage="skip") as ray_map:
+        for changes in dice.sample(_CHANGES, 2):
+            with contextlib.suppress(raymap.RayMapError):
+                changed = what_if(ray_map, changes)
+                select(changed, 'hit("*")', threads=1).flux  # noqa: B018
+                path_table(changed, None, threads=1).rows(3)
 
 
 def _inside(held: Any, dice: random.Random) -> Any:

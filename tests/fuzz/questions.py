@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import random
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -54,6 +55,7 @@ _CRITERIA = tuple(
         "optical_length > 3",
         'source("l*") & !detected("sensor")',
         'detected("sensor", ellipse(0, 0, 20, 10))',
+        'detected("sensor", ellipse(0, 0, 1e-320, 1e200))',
         "bounces > 1",
     )
 )
@@ -117,6 +119,18 @@ def _table(ray_map: raymap.RayMap, _: Path) -> None:
     table.rows(3)
 
 
+def _drawn(ray_map: raymap.RayMap, folder: Path) -> None:
+    from viewer.export.files import export_3d
+    from viewer.paint.rendering import NothingDrawn, picture
+
+    with contextlib.suppress(raymap.RayMapError), warnings.catch_warnings():
+        warnings.simplefilter("ignore", NothingDrawn)
+        picture(ray_map, rays=20, size=(64, 48))
+    for suffix in (".glb", ".vtp", ".dxf"):
+        with contextlib.suppress(raymap.RayMapError):
+            export_3d(ray_map, folder / f"drawn{suffix}", rays=20, force=True)
+
+
 _DEAR: tuple[Question, ...] = (
     _every_column,
     _results,
@@ -127,6 +141,8 @@ _DEAR: tuple[Question, ...] = (
     _table,
     _pictures,
     _luminaire,
+    _drawn,
+    _drawn,
     lambda ray_map, _: ray_map.meshes,
     lambda ray_map, _: path_table(ray_map, 'hit("lens")', by="object", threads=1).rows(),
     lambda ray_map, _: detector_images(ray_map, "sensor", {"all": None, "few": "length > 1"}),
