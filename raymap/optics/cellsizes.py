@@ -18,6 +18,9 @@ Ints = NDArray[np.int64]
 _FEW = 256
 """Blocks along a side that a face is cut into at least, for the sizes of larger blocks."""
 
+_TOGETHER = 2**16
+"""Blocks whose areas are computed together: what is kept of each takes some hundred bytes."""
+
 
 class CellSizes(Protocol):
     """Sizes of cells, or of square blocks of them."""
@@ -109,8 +112,13 @@ class FaceSizes:
         return areas_over(self.face, x, y) * self.unit**2
 
     def part(self, rows: range, columns: range) -> Floats:
-        row, column = np.meshgrid(rows, columns, indexing="ij")
-        return self.at(row.ravel(), column.ravel()).reshape(row.shape)
+        values = np.empty((len(rows), len(columns)))
+        high = max(1, _TOGETHER // max(1, len(columns)))
+        for first in range(0, len(rows), high):
+            some = slice(first, first + high)
+            row, column = np.meshgrid(rows[some], columns, indexing="ij")
+            values[some] = self.at(row.ravel(), column.ravel()).reshape(row.shape)
+        return values
 
     def joined(self, side: int) -> CellSizes:
         if side == 1:
