@@ -47,7 +47,7 @@ def test_a_stage_is_called_by_its_address_only() -> None:
     column = np.arange(5.0)
     _call(address_of(task(_triple, column, 0.0)), column, 1.5)
     np.testing.assert_array_equal(column, 4.5)
-    with pytest.raises(TypeError, match="not callable"):
+    with pytest.raises(TypeError, match="by its address"):
         _triple(column, 1.5)
 
 
