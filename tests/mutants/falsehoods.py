@@ -75,6 +75,15 @@ MUTANTS = (
         },
     ),
     Mutant(
+        name="record",
+        file="tracer/transport/records.py",
+        true="real[row, X], real[row, Y], real[row, Z] = x, y, z",
+        false="real[row, X], real[row, Y], real[row, Z] = y, x, z",
+        features={
+            "rays one by one": f"{_ENGINE}/test_engine.py",
+        },
+    ),
+    Mutant(
         name="estimator",
         file="raymap/optics/fluxes.py",
         true="np.maximum(sum_w2 - mean, 0.0)",
