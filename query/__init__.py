@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from query.answers.paths.tables import PathRow, PathTable, path_table
     from query.answers.reports.comparison import Comparison, compare
     from query.answers.reports.energy import Audit, audit
+    from query.answers.reports.histograms import Histogram, histogram
     from query.answers.reports.illumination import Illumination, illuminated
     from query.answers.reports.ray_report import report
     from query.answers.reports.rays_at_place import rays_at, write_ray_file
@@ -50,6 +51,7 @@ if TYPE_CHECKING:
     from query.atoms.optical_path import optical_path
     from query.atoms.path import path
     from query.atoms.source import source
+    from query.atoms.time import time
     from query.atoms.wavelength import wavelength
     from query.engine.places import with_detectors
     from query.engine.scan import Progress
@@ -64,6 +66,7 @@ _LAZY = {
     "Focus": "query.answers.images.focus",
     "GhostMatrix": "query.answers.paths.ghosts",
     "GhostTable": "query.answers.paths.ghosts",
+    "Histogram": "query.answers.reports.histograms",
     "Illumination": "query.answers.reports.illumination",
     "PathRow": "query.answers.paths.tables",
     "PathTable": "query.answers.paths.tables",
@@ -91,6 +94,7 @@ _LAZY = {
     "from_json": "query.expression.json_form",
     "ghost_matrix": "query.answers.paths.ghosts",
     "ghost_table": "query.answers.paths.ghosts",
+    "histogram": "query.answers.reports.histograms",
     "hit": "query.atoms.hit",
     "illuminated": "query.answers.reports.illumination",
     "incidence": "query.atoms.incidence",
@@ -111,6 +115,7 @@ _LAZY = {
     "sensitivity": "query.answers.what_if.sensitivity",
     "source": "query.atoms.source",
     "sweep": "query.answers.reports.sweeps",
+    "time": "query.atoms.time",
     "translate": "query.answers.filter_strings",
     "wavelength": "query.atoms.wavelength",
     "what_if": "query.answers.what_if.effect",
@@ -132,6 +137,7 @@ __all__ = [
     "Focus",
     "GhostMatrix",
     "GhostTable",
+    "Histogram",
     "Illumination",
     "PathRow",
     "PathTable",
@@ -161,6 +167,7 @@ __all__ = [
     "from_json",
     "ghost_matrix",
     "ghost_table",
+    "histogram",
     "hit",
     "illuminated",
     "incidence",
@@ -181,6 +188,7 @@ __all__ = [
     "sensitivity",
     "source",
     "sweep",
+    "time",
     "translate",
     "wavelength",
     "what_if",

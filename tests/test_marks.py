@@ -72,6 +72,7 @@ NOISY = {
     "what-if": ["what-if", "MAP", 'hit("L1")', "--set", "lamp.flux=5", "--top", "9"],
     "sensitivity": ["sensitivity", "PLATE", "event(reflected)", "--top", "99"],
     "focus": ["focus", "MAP", "screen", "--from", "-1", "--to", "1"],
+    "histogram": ["histogram", "MAP", "length"],
     "image": ["image", "MAP", "screen", "event(tir)", "-o", "OUT.png"],
     "chart": ["chart", "MAP", "screen", "-o", "OUT.png"],
     "record": ["record", "SCENE", "--rays", "60", "--no-rays", "-o", "OUT.raymap", "--force"],

@@ -54,6 +54,7 @@ COMMANDS = {
     "illuminated": f"{MAP} sensor",
     "sweep": f"{MAP} sensor",
     "compare": f"{MAP} {MAP}",
+    "histogram": f"{MAP} length",
     "what-if": f"{MAP} --scene <scene.toml",
     "sensitivity": MAP,
     "image": f"{MAP} sensor -o >image.png",

@@ -54,6 +54,7 @@ WORDS: dict[str, list[str]] = {
     "illuminated": ["a.raymap", "sensor"],
     "sweep": ["a.raymap", "sensor"],
     "compare": ["a.raymap", "a.raymap"],
+    "histogram": ["a.raymap", "length"],
     "what-if": ["a.raymap", "--set", "lamp.flux=2"],
     "sensitivity": ["a.raymap"],
     "image": ["a.raymap", "sensor", "-o", "a.tiff"],

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from query.engine.bind import Binder
 from query.engine.bound import BoundNode, at_points, compare
-from query.engine.context import Context
+from query.engine.context import Context, RayContext
 from query.engine.kleene import Pair, exactly, interval
 from query.engine.whole_numbers import BoundWhole
 from query.expression.arguments import Point
@@ -51,6 +55,11 @@ class BoundCount(BoundWhole):
             return exactly(compare(self.operator, least, self.value))
         most = context.points.count(pair.possible)
         return interval(self.operator, least, most, self.value)
+
+    def samples(self, context: RayContext) -> tuple[NDArray[Any], NDArray[Any]]:
+        return np.arange(context.n_rays), context.points.count(
+            at_points(context, self.point).certain
+        )
 
 
 def count(point: Criterion) -> Count:

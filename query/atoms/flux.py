@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +59,9 @@ class BoundFlux(BoundCompare):
                 return unknown(context)
             flux = flux * context.carried
         return exactly(compare(self.operator, flux, self.value))
+
+    def samples(self, context: RayContext) -> tuple[NDArray[Any], NDArray[Any]]:
+        return np.arange(context.n_rays), self.per_weight[context.source] * context.carried
 
 
 flux = Flux()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from query.expression.arguments import Point
 from query.expression.atom import Comparison, Quantity
 from query.expression.criterion import Criterion, check_point
 
-__all__ = ["KINDS", "Incidence", "incidence"]
+__all__ = ["KINDS", "Incidence", "incidence", "surface_points"]
 
 Ints = NDArray[np.integer]
 
@@ -63,16 +64,19 @@ class BoundIncidence(BoundCompare):
             points = at_points(context, self.point)
             met = apply(points, context.points.any)
             return Pair(np.zeros_like(met.possible), met.possible)
-        ray, step, face = _surface_points(context, self.point)
-        records = context.starts[ray] + step
-        normal = context.normals_at(records, face)
-        angles = incidence_angles(context.position, normal, records)
+        ray, angles = self.samples(context)
         found = np.zeros(context.n_rays, np.bool_)
         found[ray[compare(self.operator, angles, self.value)]] = True
         return exactly(found)
 
+    def samples(self, context: RayContext) -> tuple[NDArray[Any], NDArray[Any]]:
+        ray, step, face = surface_points(context, self.point)
+        records = context.starts[ray] + step
+        normal = context.normals_at(records, face)
+        return ray, incidence_angles(context.position, normal, records)
 
-def _surface_points(context: RayContext, node: BoundNode) -> tuple[Ints, Ints, Ints]:
+
+def surface_points(context: RayContext, node: BoundNode) -> tuple[Ints, Ints, Ints]:
     """Ray, step along it and face of the points on surfaces that satisfy a node, emission aside."""
     if node.streams:
         marked = at_points(context, node).certain & (context.object >= 0)

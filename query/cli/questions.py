@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from query.cli.focus import focus
+from query.cli.histograms import histogram
 from query.cli.options import (
     Criterion,
     Filter,
@@ -43,6 +44,7 @@ def register(app: typer.Typer) -> None:
     app.command("illuminated", rich_help_panel=Panel.ASK)(illuminated)
     app.command("sweep", rich_help_panel=Panel.ASK)(sweep)
     app.command("compare", rich_help_panel=Panel.ASK)(compare)
+    app.command("histogram", rich_help_panel=Panel.ASK)(histogram)
     app.command("what-if", rich_help_panel=Panel.ASK)(what_if)
     app.command("sensitivity", rich_help_panel=Panel.ASK)(sensitivity)
 

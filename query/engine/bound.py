@@ -102,6 +102,17 @@ class BoundCompare(BoundNode):
     operator: str
     value: float
 
+    def samples(self, context: RayContext) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Rays of the context (n,) and the number of each, several of a ray where it has several.
+
+        NaN where the number is undefined.
+        """
+        raise Unfinished(self, "samples")
+
+    def undefined(self, map: Any) -> str:
+        """Why it is undefined for some rays of a map; empty where that needs no words."""
+        return ""
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BoundValue(BoundCompare):
@@ -114,6 +125,9 @@ class BoundValue(BoundCompare):
     def values(self, context: RayContext) -> NDArray[Any]:
         """(n_rays,) the number of each ray; NaN where it is undefined."""
         raise Unfinished(self, "values")
+
+    def samples(self, context: RayContext) -> tuple[NDArray[Any], NDArray[Any]]:
+        return np.arange(context.n_rays), self.values(context)
 
     def on_rays(self, context: Context) -> Pair:
         if not isinstance(context, RayContext):

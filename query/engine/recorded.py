@@ -106,6 +106,13 @@ class BoundRecorded(BoundCompare):
         marks[chosen] = compare(self.operator, self.kind.values(context, chosen), self.value)
         return exactly(context.points.any(marks))
 
+    def samples(self, context: RayContext) -> tuple[NDArray[Any], NDArray[Any]]:
+        if self.point is None:
+            return np.arange(context.n_rays), self.kind.values(context, None)
+        chosen = np.flatnonzero(at_points(context, self.point).certain)
+        rays = np.searchsorted(context.offsets, chosen, side="right") - 1
+        return rays, self.kind.values(context, chosen)
+
     def never(self, map: Any) -> str | None:
         if self.stored:
             return None

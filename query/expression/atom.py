@@ -153,7 +153,7 @@ class Quantity(Atom):
 
     Attributes
     ----------
-    dimension : "length", "wavelength", "angle", "flux", or "" for a plain number
+    dimension : "length", "wavelength", "angle", "time", "flux", or "" for a plain number
     measured : what the dimension is of, for messages ("an angle of incidence")
     """
 

@@ -19,6 +19,7 @@ _ANGLE_DEG = {
     "arcmin": 1 / 60,
     "arcsec": 1 / 3600,
 }
+_TIME_PS = {"fs": 1e-3, "ps": 1.0, "ns": 1e3, "us": 1e6, "µs": 1e6, "μs": 1e6}
 ANGLES = frozenset(_ANGLE_DEG)
 """Units of angle."""
 _FLUX = {
@@ -51,12 +52,12 @@ def length_factor(unit: str, length_unit: str) -> float:
 
 def known_units() -> set[str]:
     """Every unit word of the language."""
-    return {*_LENGTH_M, *_WAVELENGTH_NM, *_ANGLE_DEG, *_FLUX["W"], *_FLUX["lm"]}
+    return {*_LENGTH_M, *_WAVELENGTH_NM, *_ANGLE_DEG, *_TIME_PS, *_FLUX["W"], *_FLUX["lm"]}
 
 
 def unit_words() -> str:
     """The units by what they measure, each in one spelling, for messages."""
-    groups = (_LENGTH_M, _ANGLE_DEG, _FLUX["W"], _FLUX["lm"])
+    groups = (_LENGTH_M, _ANGLE_DEG, _TIME_PS, _FLUX["W"], _FLUX["lm"])
     return "; ".join(" ".join(u for u in group if u.isascii()) for group in groups)
 
 
@@ -73,13 +74,13 @@ def degrees(unit: str, what: str = "an angle") -> float:
 def convert(
     number: float, unit: str, dimension: str, what: str, length_unit: str, flux_unit: str
 ) -> float:
-    """A number with unit in the units of a map: nm, scene units, degrees, flux units.
+    """A number with unit in the units of a map: nm, scene units, degrees, ps, flux units.
 
     Without a unit the number is taken to be in the unit of the map already.
 
     Parameters
     ----------
-    dimension : "wavelength", "length", "angle", "flux", or "" of plain numbers
+    dimension : "wavelength", "length", "angle", "time", "flux", or "" of plain numbers
     what : is measured, for messages
     """
     if not unit:
@@ -90,6 +91,8 @@ def convert(
         return number * length_factor(unit, length_unit)
     if dimension == "angle":
         return number * degrees(unit, what or "an angle")
+    if dimension == "time":
+        return number * _scale(unit, _TIME_PS, what or "a time")
     if dimension == "flux":
         return number * _scale(unit, _FLUX[flux_unit], what or "the flux of this map")
     raise CriterionError(f"{what} is a plain number and takes no unit, found {unit!r}")

@@ -27,10 +27,12 @@ class MediumLaw(Part):
     ----------
     scattering : coefficient by channel [1 / length_unit]; none where it does not scatter
     phase : where scattered light goes
+    group_index : n - λ dn/dλ by channel, by which pulses travel; none where the map does not say
     """
 
     scattering: Annotated[tuple[Annotated[float, Field(ge=0.0)], ...], FailFast()] = ()
     phase: PhaseLaw | None = None
+    group_index: Annotated[tuple[float, ...], FailFast()] = ()
 
 
 def transmitted(coefficient: ArrayLike, length: ArrayLike) -> F64:

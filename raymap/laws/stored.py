@@ -136,4 +136,4 @@ def _check_channels(law: Any, whose: str, n_channels: int) -> None:
         raise FormatError(f"the law of {whose} has other channels than the {n_channels} of the map")
 
 
-_BY_CHANNEL = ("reflectance", "transmittance", "n", "k", "scattering")
+_BY_CHANNEL = ("reflectance", "transmittance", "n", "k", "scattering", "group_index")

@@ -163,7 +163,9 @@ class Photometry:
         return np.asarray(self.channel_worth @ np.asarray(shares, np.float64).T)
 
     def worth_of_rays(self, source: Ints, codes: Ints, color_table: NDArray[np.uint16]) -> Floats:
-        """(n,) worth of light of these sources with these colour codes."""
+        """(n,) worth of light of these sources with these colour codes; 1 in a map in watt."""
+        if not self.changes:
+            return np.ones(len(source))
         seen = colors_of_codes(color_table, len(self.efficacy)) @ self.efficacy
         return np.where(self.known[source], seen[codes] / self.emitted_efficacy[source], 1.0)
 

@@ -19,6 +19,7 @@ from query.atoms.optical_length import OpticalLength
 from query.atoms.optical_path import OpticalPath
 from query.atoms.path import Path
 from query.atoms.source import Source
+from query.atoms.time import Time
 from query.atoms.wavelength import Wavelength
 from query.engine.recorded import Recorded
 from query.expression.arguments import Region, SurfaceTest
@@ -57,6 +58,7 @@ __all__ = [
     "Source",
     "SurfaceTest",
     "Then",
+    "Time",
     "Wavelength",
     "Xor",
 ]

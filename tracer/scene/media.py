@@ -25,12 +25,15 @@ __all__ = [
     "MediumTable",
     "MissingAbsorption",
     "absorption_coefficient",
+    "group_index",
     "medium_table",
     "refractive_index",
 ]
 
 Array = NDArray[np.float64]
 
+_STEP = 1e-4
+"""Relative step of wavelengths for derivatives: rounding and curvature stay below 1e-8."""
 _BUILT_IN = ("air", "vacuum")
 """Media that every scene has, of index 1 unless it says another."""
 
@@ -91,12 +94,14 @@ def medium_table(scene: Scene, wavelengths_nm: Array) -> MediumTable:
     absorption, scattering = np.zeros((n, channels)), np.zeros((n, channels))
     phases = np.zeros((n, PHASE_ROW))
     tables: list[Array] = []
-    laws = [MediumLaw()] * n
+    laws: list[MediumLaw] = []
     for k, (name, model) in enumerate(models.items()):
         place = f"{scene.origin}: media.{name}"
         index[k] = refractive_index(model, wavelengths_nm, place)
         at = At(wavelengths_nm=wavelengths_nm, length_unit=scene.length_unit, place=place)
         absorption[k] = absorption_coefficient(model, at)
+        group = tuple(group_index(model, wavelengths_nm, index[k]).tolist())
+        laws.append(MediumLaw(group_index=group))
         if model.scattering is not None:
             given = model.scattering
             if given.coefficient is not None:
@@ -109,7 +114,9 @@ def medium_table(scene: Scene, wavelengths_nm: Array) -> MediumTable:
             law = _phase_law(given.phase, place)
             phases[k], table = law.row(first=sum(map(len, tables)), name=name)
             tables.append(table)
-            laws[k] = MediumLaw(scattering=tuple(scattering[k].tolist()), phase=law)
+            laws[k] = MediumLaw(
+                scattering=tuple(scattering[k].tolist()), phase=law, group_index=group
+            )
         if scattering[k].min() < 0.0:
             raise SceneError(f"{place}.scattering: scattering must not be negative")
     _warn_of_missing_absorption(scene)
@@ -180,6 +187,32 @@ def refractive_index(model: MediumModel, wavelengths_nm: Array, place: str) -> A
             f"at {at.wavelengths_nm[wrong][0]:g} nm"
         )
     return values.copy()
+
+
+def group_index(model: MediumModel, wavelengths_nm: Array, index: Array) -> Array:
+    """n - λ dn/dλ of a medium, by which pulses travel, from differences of its index.
+
+    Empty where its index is not known beside the channels, as of one that is given by them.
+    """
+    steps = ((-_STEP, _STEP), (0.0, _STEP), (-_STEP, 0.0))
+    slopes = np.full(index.shape, np.nan)
+    for low, high in steps:
+        # All at once; one by one where the index of some ends at its channel
+        missing = np.flatnonzero(np.isnan(slopes))
+        for part in (missing, *missing[:, None]):
+            part = part[np.isnan(slopes[part])]
+            at = wavelengths_nm[part] * (1.0 + np.array([[low], [high]]))
+            try:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")
+                    values = refractive_index(model, at.ravel(), "").reshape(at.shape)
+            except (RayMapError, ValueError):
+                continue
+            slopes[part] = (values[1] - values[0]) / (at[1] - at[0])
+    if np.isnan(slopes).any() or (not slopes.any() and np.ptp(index) > 0.0):
+        return np.empty(0)
+    found: Array = index - wavelengths_nm * slopes
+    return found
 
 
 def absorption_coefficient(model: MediumModel, at: At) -> Array:
