@@ -255,8 +255,40 @@ class RevisedMap(RayMap):
     def _summed(self) -> MergedPaths:
         with self._sums_lock:
             if self._sums is None:
-                self._sums = self._pass()
+                self._sums = self._from_dictionary() or self._pass()
             return self._sums
+
+    def path_factors(self) -> F64 | None:
+        """(n_merged_paths,) by what all rays of each path count more; None where rays differ.
+
+        They do not where laws are the same at all angles, and all channels change alike.
+        """
+        base = self.base.merged
+        if base is None or len(self.base.channel_sets) != 1:
+            return None
+        if any(not portion.has_paths and portion.n_rays for portion in self.base.portions):
+            return None
+        factors, whole = self.reweighting(0).of_paths(base.paths)
+        if not whole.all() or not (factors == factors[:, :1]).all():
+            return None
+        return np.asarray(factors[:, 0])
+
+    def _from_dictionary(self) -> MergedPaths | None:
+        """The new sums without a pass, where all rays of a path change alike."""
+        base = self.base.merged
+        factors = self.path_factors()
+        if base is None or factors is None:
+            return None
+        paths = base.paths
+        squares = paths.sum_wy2
+        revised = replace(
+            paths,
+            sum_w=paths.sum_w * factors,
+            sum_w2=paths.sum_w2 * factors**2,
+            sum_wc=tuple(sums * factors[:, None] for sums in paths.sum_wc),
+            sum_wy2=None if squares is None else squares * factors**2,
+        )
+        return MergedPaths(paths=revised, local_to_global=base.local_to_global)
 
     def _pass(self) -> MergedPaths:
         """Sum the new weights of all rays by their paths."""
@@ -327,6 +359,8 @@ class RevisedMap(RayMap):
         Sums are scaled to all rays of the map.
         """
         found: dict[tuple[int, int], F64] = {}
+        if not any(each.opens(self.base.channel_sets[k]) for k, each in enumerate(self._changed)):
+            return []
         some = [portion for portion in self.base.portions if portion.n_rays][:LOOKED_AT]
         seen = np.zeros(len(self.directory.sources))
         for portion in some:

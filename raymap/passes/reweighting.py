@@ -83,6 +83,10 @@ class ChangedLaws:
     media: Mapping[int, MediumChange] = field(default_factory=dict)
     sources: F64 | None = None
 
+    def opens(self, channels: ChannelSet) -> bool:
+        """Whether new laws may send light where the old ones sent none; False where surely not."""
+        return any(_may_open(old, new, channels) for old, new in self.faces.values())
+
 
 class Unseen(NamedTuple):
     """A branch that the recording's law never drew: what would take it, as a bound.
@@ -396,6 +400,18 @@ def _incidence(
     wi, wo = np.empty((2, len(records) if scattered else 0, 3))
     _meet(position, normal, records, cos_i, wi, wo)
     return Incidence(np.zeros(0), np.zeros(0), cos_i, wi, wo)
+
+
+def _may_open(old: Law, new: Law, channels: ChannelSet) -> bool:
+    if type(old) is not type(new) or not all(is_even(law, BACK) for law in (old, new)):
+        return True
+    n = np.ones(channels.n_channels)
+    (back, through), (new_back, new_through) = (
+        law.shares(channels, n, n, np.ones(1)) for law in (old, new)
+    )
+    absorbed, new_absorbed = 1.0 - back - through, 1.0 - new_back - new_through
+    pairs = ((back, new_back), (through, new_through), (absorbed, new_absorbed))
+    return any(bool(((a <= 0.0) & (b > 0.0)).any()) for a, b in pairs)
 
 
 def _is_metal(law: Law) -> bool:

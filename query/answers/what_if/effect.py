@@ -21,7 +21,7 @@ from query.engine.tally import Estimate, Tally, estimate, source_factors
 from raymap.model.doubt import with_doubts
 from raymap.model.errors import RayMapError
 from raymap.model.rows import squares_by_emission
-from raymap.optics.photometry import ray_weights
+from raymap.optics.photometry import path_sums, ray_weights
 from raymap.passes.branches import BRANCHES
 from raymap.passes.revised import RevisedMap, RevisedPortion
 
@@ -190,9 +190,33 @@ def effect(
         sums = sums + product
 
     scan = Scan(map, [node], visit=visit, take=take, threads=threads, cancel=cancel)
+    known = _of_paths(scan, view)
+    if known is not None:
+        return _effect(map, view, known, map.emitted)
     scan.run()
     emitted = scan.emitted if scan.complete else map.emitted
     return _effect(map, view, sums, emitted)
+
+
+def _of_paths(scan: Scan, view: RevisedMap) -> Floats | None:
+    """The sums of `effect` from the dictionary alone; None where rays must be looked at.
+
+    That needs a criterion that paths decide, and rays that change as their paths do.
+    """
+    base = scan.verdicts.base
+    if base is None or scan.grouped or not scan.verdicts.pairs[0].exact or scan.map.damage:
+        return None
+    if any(scan.local(index) is None and p.n_rays for index, p in enumerate(scan.map.portions)):
+        return None
+    factors = view.path_factors()
+    own, squares = path_sums(base.paths, scan.map.lights)
+    if factors is None or squares is None:
+        return None
+    chosen = np.flatnonzero(scan.verdicts.pairs[0].certain)
+    source, n = base.paths.source[chosen], scan.n_sources
+    f, w, w2 = factors[chosen], own[chosen], squares[chosen]
+    columns = (base.paths.rays[chosen], w, w2, f * w, f**2 * w2, f * w2)
+    return np.stack([np.bincount(source, column, n) for column in columns])
 
 
 def _effect(map: RayMap, view: RevisedMap, sums: Floats, emitted: NDArray[np.int64]) -> Effect:

@@ -286,6 +286,35 @@ def test_errors_cover_what_they_should(tmp_path: Path) -> None:
     assert 12 <= inside <= 28
 
 
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"paint.reflectance": 0.3},
+        {"paint.reflectance": 0.3, "lamp.flux": 1.0},
+        {"paint.reflectance": [0.1, 0.5, 0.8]},
+    ],
+)
+def test_sums_of_the_dictionary_are_those_of_the_rays(base: Any, changes: Any) -> None:
+    """Where all rays of a path change alike no ray is looked at, and the answer is the same."""
+    _, ray_map = base
+    view, plain = (query.what_if(ray_map, changes) for _ in range(2))
+    alike = len(set(np.atleast_1d(changes["paint.reflectance"]).tolist())) == 1
+    assert (view.path_factors() is not None) == alike
+    plain.path_factors = lambda: None  # type: ignore[method-assign]
+    for name in ("sum_w", "sum_w2", "sum_wy2"):
+        quick, slow = (getattr(each.merged.paths, name) for each in (view, plain))
+        if quick is not None:
+            np.testing.assert_allclose(quick, slow, rtol=2e-4, atol=1e-12)
+    for criterion in CRITERIA:
+        quick, slow = (query.effect(ray_map, each, criterion) for each in (view, plain))
+        assert quick.rays == slow.rays
+        assert quick.opened == slow.opened == ()
+        for name in ("difference", "difference_se", "effective"):
+            assert getattr(quick, name) == pytest.approx(getattr(slow, name), rel=1e-4, abs=1e-9)
+        assert quick.after.flux == pytest.approx(slow.after.flux, rel=1e-5)
+        assert quick.after.se == pytest.approx(slow.after.se, rel=1e-5)
+
+
 def test_what_was_never_drawn_is_named_and_bounded(tmp_path: Path) -> None:
     text = SCENE.replace("UNIT", "W").replace('surface = "paint"', 'surface = "absorber"')
     with traced(tmp_path / "a.raymap", text, 1) as ray_map:
