@@ -83,7 +83,7 @@ D_CELLS_U, D_CELLS_V, D_VIRTUAL, D_KIND, D_REGISTER = range(5)
 D_COLUMNS = 5
 
 # Entries of limits
-DEPTH, WORLD, VIRTUAL = range(3)
+DEPTH, WORLD, VIRTUAL, SINGLE = range(4)
 
 # Kinds of surfaces that are built in; numbers of others are made of their words
 (
@@ -96,7 +96,9 @@ DEPTH, WORLD, VIRTUAL = range(3)
     FILTER,
     RETROREFLECTOR,
     TABULATED,
-) = range(9)
+    POLARISER,
+    RETARDER,
+) = range(11)
 
 # Where a source emits from, and into which directions
 FROM_DISC, FROM_RECTANGLE, FROM_POINT, FROM_RING, FROM_PICTURE, FROM_LIST = range(6)
@@ -197,7 +199,8 @@ class CompiledScene(NamedTuple):
     The compiler leaves out what None says is not needed: simple scenes start sooner.
     sphere : center and radius of the bounding sphere 0-3, then the corners of the box around all
         virtual detectors, the lowest 4-6, the highest 7-9
-    limits : most points of a ray, medium of the world, whether any detector is virtual
+    limits : most points of a ray, medium of the world, whether any detector is virtual, whether a
+        ray starts in one channel, drawn from its colour
     rare : settings of the weighted mode; None in the analog one, where the compiler leaves it out
     contacts : faces that lie on one another; None where there are none
     light_pool, light_rays : tables of sources (`tracer.sources.light_pool`); None where all are

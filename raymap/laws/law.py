@@ -8,7 +8,7 @@ traces. Refractive indices and wavelengths stand in the channel set that the law
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,9 @@ from pydantic import FailFast, Field
 from raymap.model.entry import Entry
 from raymap.model.errors import FormatError
 from raymap.model.unfinished import Unfinished
+
+if TYPE_CHECKING:
+    from raymap.laws.jones import JonesRow
 
 __all__ = ["ByChannel", "InChannels", "Law", "Part", "Share", "Shares", "constant"]
 
@@ -102,6 +105,10 @@ class Law(Entry):
                 f"each of {n} channels: its numbers were damaged or made up"
             )
         return found
+
+    def jones(self, channels: InChannels) -> JonesRow | None:
+        """What it does to polarised light; None where light forgets its polarisation."""
+        return None
 
     def _shares(self, channels: InChannels, n_i: F64, n_o: F64, cos_i: F64) -> Shares:
         """As `shares`, whose arguments and result are checked there."""

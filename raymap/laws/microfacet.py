@@ -26,7 +26,7 @@ from raymap.laws.microfacet_losses import NODES, between, compensation, loss, si
 from raymap.optics.fresnel import fresnel_reflectance
 from raymap.optics.ggx import ggx_distribution, ggx_masking
 
-__all__ = ["eval_rough_conductor", "eval_rough_dielectric"]
+__all__ = ["eval_rough_conductor", "eval_rough_dielectric", "rough_dielectric_parts"]
 
 
 @lean_kernel
@@ -62,8 +62,20 @@ def eval_rough_dielectric(
     wo_z: float, alpha: float, n_i: float, n_o: float,
 ) -> float:  # fmt: skip
     """BSDF of a rough interface [1/sr], both sides, with the compensating lobe."""
+    single, multiple = rough_dielectric_parts(
+        table, first, wi_x, wi_y, wi_z, wo_x, wo_y, wo_z, alpha, n_i, n_o
+    )
+    return single + multiple
+
+
+@lean_kernel
+def rough_dielectric_parts(
+    table: F64, first: int, wi_x: float, wi_y: float, wi_z: float, wo_x: float, wo_y: float,
+    wo_z: float, alpha: float, n_i: float, n_o: float,
+) -> tuple[float, float]:  # fmt: skip
+    """`eval_rough_dielectric` of light that met one facet, and of light that met several."""
     if wi_z <= 0.0 or wo_z == 0.0:
-        return 0.0
+        return 0.0, 0.0
     masking = ggx_masking(alpha, wi_z) * ggx_masking(alpha, wo_z)
     loss_i = side_loss(table, first, n_i / n_o, wi_z)
     back, through = compensation(table, first, n_i, n_o)
@@ -75,9 +87,9 @@ def eval_rough_dielectric(
         single *= ggx_distribution(alpha, hz * scale) / (4.0 * wi_z * wo_z)
         mean = between(table, first, n_i / n_o, 2 * NODES)
         if mean <= 0.0:
-            return single
+            return single, 0.0
         loss_o = side_loss(table, first, n_i / n_o, wo_z)
-        return single + back * loss_i * loss_o / (math.pi * mean)
+        return single, back * loss_i * loss_o / (math.pi * mean)
     # Half vector of refraction, on the incident side
     hx, hy, hz = n_i * wi_x + n_o * wo_x, n_i * wi_y + n_o * wo_y, n_i * wi_z + n_o * wo_z
     norm = math.sqrt(hx * hx + hy * hy + hz * hz)
@@ -94,6 +106,6 @@ def eval_rough_dielectric(
             single /= wi_z * -wo_z * jacobian * jacobian
     mean = between(table, first, n_o / n_i, 2 * NODES)
     if mean <= 0.0:
-        return single
+        return single, 0.0
     loss_o = side_loss(table, first, n_o / n_i, -wo_z)
-    return single + through * loss_i * loss_o / (math.pi * mean)
+    return single, through * loss_i * loss_o / (math.pi * mean)

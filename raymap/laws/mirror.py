@@ -9,7 +9,13 @@ from numpy.typing import NDArray
 from pydantic import FailFast, Field, model_validator
 
 from raymap.jit.kernels import lean_kernel
+from raymap.laws.jones import EVEN_MIRROR, METAL, JonesRow
 from raymap.laws.law import ByChannel, InChannels, Law, Shares, constant
+from raymap.laws.microfacet_losses import (
+    average_conductor_reflectance,
+    conductor_table,
+    multiple_reflectance,
+)
 from raymap.laws.radial import RadialScatter
 from raymap.optics.fresnel import fresnel_conductor
 
@@ -50,6 +56,23 @@ class MirrorLaw(Law):
         else:
             reflected = metal_shares(n_i, self.n, self.k, cos_i)
         return reflected, np.zeros(reflected.shape)
+
+    def jones(self, channels: InChannels) -> JonesRow | None:
+        rows = self.reflectance or tuple(zip(self.n, self.k, strict=True))
+        numbers = np.array([[*np.atleast_1d(row), 0.0] for row in rows])
+        if self.roughness > 0.0:
+            table = conductor_table(self.roughness)
+            averages = self.reflectance or [
+                average_conductor_reflectance(1.0, n, k)
+                for n, k in zip(self.n, self.k, strict=True)
+            ]
+            numbers[:, -1] = [multiple_reflectance(average, table) for average in averages]
+        return JonesRow(
+            form=EVEN_MIRROR if self.reflectance else METAL,
+            numbers=numbers,
+            roughness=self.roughness,
+            scatter=self.scatter,
+        )
 
 
 def metal_shares(n_i: F64, n: tuple[float, ...], k: tuple[float, ...], cos_i: F64) -> F64:

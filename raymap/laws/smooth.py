@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from raymap.laws.jones import BARE, JonesRow
 from raymap.laws.law import InChannels, Law, Shares
 from raymap.laws.radial import RadialScatter
 from raymap.optics.fresnel import reflectance_column
@@ -27,6 +28,13 @@ class FresnelLaw(Law):
             [reflectance_column(a, b, cos_i) for a, b in zip(n_i, n_o, strict=True)]
         )
         return reflected, 1.0 - reflected
+
+    def jones(self, channels: InChannels) -> JonesRow | None:
+        n = len(channels.wavelengths_nm)
+        roughness: float = getattr(self, "roughness", 0.0)
+        return JonesRow(
+            form=BARE, numbers=np.zeros((n, 0)), roughness=roughness, scatter=self.scatter
+        )
 
 
 class AbsorberLaw(Law):

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import FailFast, Field
 
+from raymap.laws.jones import LAYERS, JonesRow
 from raymap.laws.law import InChannels, Law, Part, Shares
 from raymap.laws.radial import RadialScatter
 from raymap.laws.table import COATING_ANGLES, COATING_SIZE, shares_of_tables
 from raymap.model.errors import SceneError
-from raymap.optics.stacks import Layer, stack_shares
+from raymap.optics.stacks import Layer, layer_numbers, stack_shares
 
 __all__ = ["StackLaw", "StoredLayer", "layer_coating"]
 
@@ -59,6 +60,18 @@ class StackLaw(Law):
 
     def _shares(self, channels: InChannels, n_i: F64, n_o: F64, cos_i: F64) -> Shares:
         return shares_of_tables(self.tables(channels), n_i, n_o, cos_i)
+
+    def jones(self, channels: InChannels) -> JonesRow | None:
+        first, second = (channels.refractive_index[medium] for medium in self.between)
+        layers = [layer.layer() for layer in self.layers]
+        rows = []
+        for channel, nm in enumerate(channels.wavelengths_nm):
+            # From the rarer medium to the denser, as the table
+            ordered = layers[::-1] if first[channel] > second[channel] else layers
+            flat = [number for item in ordered for number in layer_numbers(item, channel, float(nm))]
+            rows.append([float(len(layers)), *flat])
+        numbers = np.hstack([self.tables(channels), np.array(rows)])
+        return JonesRow(form=LAYERS, numbers=numbers, scatter=self.scatter)
 
 
 def layer_coating(

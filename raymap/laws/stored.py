@@ -18,7 +18,7 @@ from raymap.laws.medium import MediumLaw
 from raymap.laws.mirror import MirrorLaw
 from raymap.laws.retroreflector import RetroreflectorLaw
 from raymap.laws.rough import RoughLaw
-from raymap.laws.sheet import FilterLaw
+from raymap.laws.sheet import FilterLaw, PolariserLaw, RetarderLaw
 from raymap.laws.smooth import AbsorberLaw, FresnelLaw
 from raymap.laws.stack import StackLaw
 from raymap.laws.table import TableLaw
@@ -36,6 +36,8 @@ FORMS: dict[str, type[Law]] = {
         FresnelLaw,
         LambertianLaw,
         MirrorLaw,
+        PolariserLaw,
+        RetarderLaw,
         RetroreflectorLaw,
         RoughLaw,
         StackLaw,
@@ -136,4 +138,14 @@ def _check_channels(law: Any, whose: str, n_channels: int) -> None:
         raise FormatError(f"the law of {whose} has other channels than the {n_channels} of the map")
 
 
-_BY_CHANNEL = ("reflectance", "transmittance", "n", "k", "scattering", "group_index")
+_BY_CHANNEL = (
+    "reflectance",
+    "transmittance",
+    "reflectance_s",
+    "transmittance_s",
+    "retardance_nm",
+    "n",
+    "k",
+    "scattering",
+    "group_index",
+)

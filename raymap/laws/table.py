@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import FailFast, model_validator
 
 from raymap.jit.kernels import inner_kernel, lean_kernel
+from raymap.laws.jones import EVEN, TABLES, JonesRow
 from raymap.laws.law import ByChannel, InChannels, Law, Shares
 from raymap.laws.radial import RadialScatter
 from raymap.model.errors import SceneError
@@ -48,8 +49,10 @@ class TableLaw(Law):
     Attributes
     ----------
     angle_deg : (a,) angles of incidence on the rarer side, rising
-    reflectance, transmittance : a row per channel, of one value per angle; the end values hold
-        beyond the angles, and beyond the critical angle all is reflected
+    reflectance, transmittance : of natural light, a row per channel, of one value per angle; the
+        end values hold beyond the angles, and beyond the critical angle all is reflected
+    reflectance_s, transmittance_s : of light that vibrates across the plane of incidence, where
+        that is known; p has as much more as s has less
     scatter : takes its share of the specular light
     """
 
@@ -58,10 +61,14 @@ class TableLaw(Law):
     reflectance: Annotated[tuple[ByChannel, ...], FailFast()]
     transmittance: Annotated[tuple[ByChannel, ...], FailFast()]
     scatter: RadialScatter | None = None
+    reflectance_s: Annotated[tuple[ByChannel, ...], FailFast()] = ()
+    transmittance_s: Annotated[tuple[ByChannel, ...], FailFast()] = ()
 
     @model_validator(mode="after")
     def _check(self) -> TableLaw:
-        rows = (*self.reflectance, *self.transmittance)
+        rows = (*self.reflectance, *self.transmittance, *self.reflectance_s, *self.transmittance_s)
+        if {len(self.reflectance_s), len(self.transmittance_s)} not in ({0}, {len(self.reflectance)}):
+            raise ValueError("shares of s go with both reflectance and transmittance, by channel")
         if len(self.reflectance) != len(self.transmittance):
             raise ValueError("reflectance and transmittance are of other channels")
         if not self.angle_deg or any(len(row) != len(self.angle_deg) for row in rows):
@@ -79,6 +86,14 @@ class TableLaw(Law):
 
     def _shares(self, channels: InChannels, n_i: F64, n_o: F64, cos_i: F64) -> Shares:
         return shares_of_tables(self.tables(), n_i, n_o, cos_i)
+
+    def jones(self, channels: InChannels) -> JonesRow | None:
+        tables = self.tables()
+        if not self.reflectance_s:
+            return JonesRow(form=EVEN, numbers=tables, scatter=self.scatter)
+        s = tables_over_angle(self.angle_deg, self.reflectance_s, self.transmittance_s)
+        numbers = np.hstack([tables, s, np.maximum(0.0, 2.0 * tables - s)])
+        return JonesRow(form=TABLES, numbers=numbers, scatter=self.scatter)
 
 
 def shares_of_tables(tables: F64, n_i: F64, n_o: F64, cos_i: F64) -> Shares:

@@ -13,6 +13,7 @@ The map has what any map has, weights, and two further columns:
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -23,14 +24,17 @@ from numpy.typing import NDArray
 
 from raymap.encoding.encoder import PortionEncoder
 from raymap.model.errors import SceneError
-from raymap.model.portion import Descriptors, Portion
+from raymap.laws.amplitudes import Amplitudes, amplitudes_of_laws
+from raymap.laws.stored import laws_of
+from raymap.laws.table import TableLaw
+from raymap.model.portion import Portion
 from raymap.model.schema import PORTION_RAYS
-from tracer.compiled import F_KIND, F_OBJECT, F_TRIANGLE
+from tracer.compiled import F_KIND, F_OBJECT, F_TRIANGLE, SINGLE
 from tracer.geometry.kinds import MESH
 from tracer.polarized.transport import (
+    FacesByNumber,
     PolarizedColumns,
     RayColumns,
-    SpecialFaces,
     polarize_rays,
 )
 from tracer.run.recording import record
@@ -39,11 +43,8 @@ from tracer.run.trace import CompiledTrace
 from tracer.scene.compilations import compilation_of
 from tracer.scene.compile import Compilation
 from tracer.scene.model import Scene
-from tracer.scene.supported import (
-    refuse_pinholes,
-    refuse_polarising_faces,
-    refuse_weighting,
-)
+from tracer.scene.supported import refuse_pinholes
+from tracer.surfaces.surface import axis_of
 from tracer.transport.source_check import check_sources
 from tracer.transport.wavefront import Wavefront
 
@@ -70,36 +71,27 @@ class Polarization:
         fluxes have a smaller error
     sources : vibration of polarised sources by name, in place of ``polarisation`` in the scene; its
         part across the ray counts
-    polarisers : sheet polarisers by the full name of their face: absorption axis and extinction
-        (the share of the absorbed vibration that leaks). Light that passes the face is polarised;
-        a body of a medium like its surroundings makes a sheet
     phases : also store the phase that interfaces give, and optical paths in float64, so that fields
         can be added
     """
 
     states: Literal["linear", "natural"] = "linear"
     sources: Mapping[str, Vector] = field(default_factory=dict)
-    polarisers: Mapping[str, tuple[Vector, float]] = field(default_factory=dict)
     phases: bool = False
 
     @classmethod
     def of(cls, scene: Scene) -> Polarization:
         """What the scene's table ``[trace]`` says of polarised light."""
         given = scene.trace
-        return cls(
-            states=given.states,
-            polarisers={name: (axis, 0.0) for name, axis in given.polarisers.items()},
-            phases=given.phases,
-        )
+        return cls(states=given.states, phases=given.phases)
 
-    def special_faces(self, compilation: Compilation) -> SpecialFaces:
-        """Look all names up.
+    def faces_of(self, compilation: Compilation) -> FacesByNumber:
+        """Look all faces, sources and laws up.
 
         Raises
         ------
         SceneError
-            a face or source that the scene does not have, an axis of length zero, an extinction
-            outside 0 .. 1, an unknown kind of states
+            a source that the scene does not have, an axis of length zero, an unknown kind of states
         """
         if self.states not in ("linear", "natural"):
             raise SceneError(f"states is {self.states!r}: choose linear or natural")
@@ -116,22 +108,6 @@ class Polarization:
         if compilation.solids is not None:
             _name_triangles(face, first, compilation)
 
-        table = directory.faces
-        polariser = np.zeros((len(arrays.face_i), 4))
-        polariser[:, 3] = -1.0
-        for name, (axis, extinction) in self.polarisers.items():
-            if name not in table.names:
-                raise SceneError(
-                    f"polarisers: the scene has no face {name!r}; faces: {', '.join(table.names)}"
-                )
-            if not 0.0 <= extinction <= 1.0:
-                raise SceneError(f"polarisers.{name}: extinction is {extinction:g}, not in 0 .. 1")
-            number = table.names.index(name)
-            start = first[table.object[number]] + table.first_primitive[number]
-            rows = face[start : start + table.primitive_count[number]]
-            polariser[rows[rows >= 0], :3] = _direction(axis, f"polarisers.{name}")
-            polariser[rows[rows >= 0], 3] = extinction
-
         names = [source.name for source in directory.sources]
         vibration = np.zeros((len(names), 3))
         own = {
@@ -144,8 +120,48 @@ class Polarization:
                 raise SceneError(
                     f"sources: the scene has no source {name!r}; sources: {', '.join(names)}"
                 )
-            vibration[names.index(name)] = _direction(axis, f"sources.{name}")
-        return SpecialFaces(first, face, polariser, vibration)
+            vibration[names.index(name)] = axis_of(axis, f"sources.{name}")
+        return FacesByNumber(first, face, vibration, _laws(compilation))
+
+
+def _laws(compilation: Compilation) -> Amplitudes:
+    """What the surfaces of a scene do to polarised light."""
+    directory, channel_set = compilation.directory, compilation.channel_set
+    stated = laws_of(directory, channel_set)
+    surfaces = (None,) * len(directory.surfaces) if stated is None else stated.surfaces
+    return amplitudes_of_laws(surfaces, channel_set)
+
+
+class UnpolarisedSurface(UserWarning):
+    """A surface treats polarised light by less than is known of real ones."""
+
+
+def _warn_of_surfaces(compilation: Compilation) -> None:
+    """Say which surfaces treat s and p alike, or depolarise, for want of a law.
+
+    Warns
+    -----
+    UnpolarisedSurface
+    """
+    directory = compilation.directory
+    stated = laws_of(directory, compilation.channel_set)
+    for k, surface in enumerate(directory.surfaces):
+        place = f"{compilation.scene.origin}: surfaces.{surface.name}"
+        law = None if stated is None else stated.surfaces[k]
+        if law is None:
+            warnings.warn(
+                f"{place}: its law is not known to polarised light: what leaves it counts as "
+                "unpolarised",
+                UnpolarisedSurface,
+                stacklevel=4,
+            )
+        elif isinstance(law, TableLaw) and len(law.angle_deg) > 1 and not law.reflectance_s:
+            warnings.warn(
+                f"{place}.coating: its table is of natural light, so s and p are treated alike; "
+                "give reflectance_s, reflectance_p, transmittance_s and transmittance_p",
+                UnpolarisedSurface,
+                stacklevel=4,
+            )
 
 
 def _name_triangles(
@@ -162,16 +178,21 @@ def _name_triangles(
 
 
 class PolarizedWavefront:
-    """Traces portions of polarised light; safe to call from many threads."""
+    """Traces portions of polarised light, analog or weighted; safe to call from many threads.
+
+    Every ray carries the light of one channel, which has one state.
+    """
 
     def __init__(self, compilation: Compilation, seed: int, polarization: Polarization) -> None:
-        refuse_weighting(compilation.scene, "polarised light")
-        refuse_polarising_faces(compilation)
-        self.scene = compilation.arrays
+        limits = compilation.arrays.limits.copy()
+        limits[SINGLE] = 1
+        self.scene = compilation.arrays._replace(limits=limits)
         self.seed = seed
         self.polarization = polarization
-        self.special = polarization.special_faces(compilation)
-        self.engine = Wavefront(compilation.arrays, seed, meshes=compilation.solids, exact=True)
+        self.faces = polarization.faces_of(compilation)
+        self.engine = Wavefront(
+            self.scene, seed, meshes=compilation.solids, exact=True, weighted=True
+        )
 
     def trace_counted(self, first_ray: int, n_rays: int) -> tuple[Portion, int]:
         """As `trace`, with the number of its records."""
@@ -187,39 +208,39 @@ class PolarizedWavefront:
         n = portion.n_records
         phases = self.polarization.phases
         out = PolarizedColumns(
-            weight=np.empty(n_rays),
+            weight=np.empty(portion.n_rays),
             stokes=np.empty((n, 3), np.float32),
             path=np.empty(n),
             phase=np.empty(n if phases else 0, np.float32),
-            event=np.empty(n, np.int32),
-            kept=np.empty(n_rays, np.int32),
             waves=np.empty((2, 6)),
         )
-        exact = np.ascontiguousarray(portion.extra["exact"], np.float64)
         rays = RayColumns(
             source=portion.source,
             records_per_ray=portion.records_per_ray,
-            exact=exact,
+            exact=np.ascontiguousarray(portion.extra["exact"], np.float64),
             normal=portion.normal,
             object=portion.object,
             triangle=portion.triangle,
             event=portion.event,
             medium=portion.medium,
             color_code=portion.color_code,
-            color_table=portion.color_table,
+            ids=(
+                np.arange(first_ray, first_ray + n_rays)
+                if portion.ray_ids is None
+                else np.asarray(portion.ray_ids, np.int64)
+            ),
         )
         polarize_rays(
-            self.scene, rays, self.special, out, self.seed, first_ray,
-            self.polarization.states == "natural",
+            self.scene, rays, self.faces, out, self.seed, self.polarization.states == "natural"
         )  # fmt: skip
+        weight = out.weight if portion.weight is None else out.weight * portion.weight
         extra: dict[str, NDArray[np.generic]] = {
             "stokes": out.stokes,
             "optical_path": out.path if phases else out.path.astype(np.float32),
         }
         if phases:
             extra["phase"] = out.phase
-        whole = replace(portion, event=out.event, weight=out.weight.astype(np.float32), extra=extra)
-        return _shortened(whole, out.kept)
+        return replace(portion, weight=weight.astype(np.float32), extra=extra)
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,7 +249,6 @@ class PolarizedTrace(CompiledTrace):
 
     polarization: Polarization
 
-    fan: ClassVar[int] = 1
     most_rays: ClassVar[int] = PORTION_RAYS // 4
 
     @property
@@ -241,6 +261,7 @@ class PolarizedTrace(CompiledTrace):
 
     def prepared(self, encoder: PortionEncoder | None, threads: int) -> PolarizedTrace:
         refuse_pinholes(self.compilation, "the polarised one")
+        _warn_of_surfaces(self.compilation)
         check_sources(self.compilation, engine=self.engine(1).engine)
         return self
 
@@ -281,45 +302,3 @@ def record_polarized(
     compilation = compilation_of(scene)
     trace = PolarizedTrace(compilation, polarization or Polarization.of(compilation.scene))
     return record(trace, path, rays=rays, no_rays=path is None, **options)
-
-
-def _direction(axis: Vector, name: str) -> NDArray[np.float64]:
-    vector = np.asarray(axis, np.float64)
-    length = float(np.linalg.norm(vector)) if vector.shape == (3,) else float("nan")
-    if not (np.isfinite(length) and length > 0.0):
-        raise SceneError(f"{name}: expected three numbers that are not all zero, got {axis!r}")
-    return np.asarray(vector / length)
-
-
-def _shortened(portion: Portion, kept: NDArray[np.int32]) -> Portion:
-    """The portion with only the first ``kept`` records of every ray."""
-    counts = portion.records_per_ray
-    if np.array_equal(kept, counts):
-        return portion
-    place = np.arange(portion.n_records) - np.repeat(np.cumsum(counts) - counts, counts)
-    stays = place < np.repeat(kept, counts)
-    ends = place == np.repeat(kept, counts) - 1
-    # The segment that would start at the last record is gone, and its meetings with it
-    meetings = np.where(ends, 0, portion.descriptor_count).astype(np.uint16)
-    found = np.repeat(stays & ~ends, portion.descriptor_count)
-    d = portion.descriptors
-    columns: dict[str, Any] = {
-        name: getattr(portion, name)[stays]
-        for name in (
-            "position", "normal", "object", "triangle", "event", "medium", "color_code",
-        )
-    }  # fmt: skip
-    return replace(
-        portion,
-        records_per_ray=kept.copy(),
-        **columns,
-        descriptor_count=meetings[stays],
-        descriptors=Descriptors(
-            detector=d.detector[found],
-            cell=d.cell[found],
-            cosine=d.cosine[found],
-            uv=d.uv[found],
-            registered=d.registered[found],
-        ),
-        extra={name: column[stays] for name, column in portion.extra.items()},
-    )

@@ -1,19 +1,17 @@
 """Polarisation of traced rays: a pass over a finished portion.
 
-The analog engine chooses between reflection and refraction with the reflectances of unpolarised
-light. This pass walks every ray once more with its state of polarisation and multiplies the ray's
-weight by the probability that its light had over the probability it was given: sums of weights are
-unbiased fluxes of polarised light. A ray that meets a polariser is absorbed there by roulette.
+Paths are drawn with the shares of natural light. This pass walks every ray once more with its state
+of polarisation and multiplies the ray's weight by the share that its light had over the share that
+it was drawn by (`raymap.laws.amplitudes`): sums of weights are unbiased fluxes of polarised light.
+No record is added, removed or changed.
 
-A state is the sum of two waves without interference, each a complex field across the ray
-(`tracer.optics.polarization`): one wave for a linear state, two halves for natural light. Axes of
-stored Stokes vectors: x is the world's x axis made perpendicular to the ray, or the world's y axis
-where the ray runs within 0.8 degrees of x; y = d x x.
+Axes of stored Stokes vectors: x is the world's x axis made perpendicular to the ray, or the world's
+y axis where the ray runs within 0.8 degrees of x; y = d x x.
 
 References
 ----------
-Fresnel: `tracer.optics.polarization_fresnel`. Rayleigh scattering: Born & Wolf, Principles of
-Optics, 7th ed., 14.5.2: the scattered field is the part of the field across the new direction.
+Rayleigh scattering: Born & Wolf, Principles of Optics, 7th ed., 14.5.2: the scattered field is the
+part of the field across the new direction.
 """
 
 from __future__ import annotations
@@ -26,52 +24,38 @@ from numpy.typing import NDArray
 
 from raymap.jit.kernels import inner_kernel, lean_kernel
 from raymap.jit.types import F64, I64
+from raymap.laws.amplitudes import Amplitudes, Met, meet_waves
 from raymap.laws.phase import RAYLEIGH
 from raymap.model.events import Event
-from raymap.model.schema import COLOR_SCALE
-from raymap.optics.fresnel import fresnel_reflectance
+from raymap.optics.waves import Turn, normalise_waves, project_waves, start_waves, store_state
 from tracer.compiled import (
     B_MEDIUM,
-    DIELECTRIC,
     F_INSIDE,
     F_KIND,
     F_OUTSIDE,
     F_SURFACE,
     L_NEST,
-    S_KIND,
-    S_MODEL,
+    SOURCE_ROW,
     WORLD,
     CompiledScene,
 )
 from tracer.geometry.kinds import MESH
 from tracer.geometry.normals import face_normal
-from tracer.polarized.waves import (
-    normalise_waves,
-    polarise_waves,
-    project_waves,
-    split_waves,
-    start_waves,
-    store_state,
-    turn_waves,
-)
 from tracer.rays.random import advance, stream_state, uniform
 from tracer.transport.contacts import cross_face
 from tracer.transport.nests import top_body
 
-__all__ = ["PolarizedColumns", "RayColumns", "SpecialFaces", "polarize_rays"]
+__all__ = ["FacesByNumber", "PolarizedColumns", "RayColumns", "polarize_rays"]
 
 I32 = NDArray[np.int32]
 
-_REFLECTED = int(Event.SPECULAR_REFLECTION | Event.TIR)
-_TIR = int(Event.TIR)
-_REFRACTED = int(Event.SPECULAR_REFRACTION)
+_SPECULAR = int(Event.SPECULAR_REFLECTION | Event.TIR | Event.SPECULAR_REFRACTION)
 _SCATTERED_THROUGH = int(Event.DIFFUSE_TRANSMISSION | Event.GLOSSY_TRANSMISSION)
+_THROUGH = int(Event.SPECULAR_REFRACTION) | _SCATTERED_THROUGH
 _SCATTERED = int(Event.DIFFUSE_REFLECTION | Event.GLOSSY_REFLECTION) | _SCATTERED_THROUGH
+_AT_FACE = _SPECULAR | _SCATTERED
+_ABSORBED = int(Event.SURFACE_ABSORPTION)
 _VOLUME = int(Event.VOLUME_SCATTER)
-_POLARISER = int(Event.POLARISER)
-_ABSORBED_HERE = int(Event.POLARISER | Event.SURFACE_ABSORPTION)
-_RIM = int(Event.RIM_HIT)
-_CROSSINGS = int(Event.DETECTOR_CROSSED | Event.DETECTOR_REGISTERED)
 
 _SALT = 0x5EED_901A
 """Sets the numbers of this pass apart from those that the ray was traced with."""
@@ -89,21 +73,21 @@ class RayColumns(NamedTuple):
     event: I32
     medium: NDArray[np.int16]
     color_code: I32
-    color_table: NDArray[np.uint16]
+    ids: I64
 
 
-class SpecialFaces(NamedTuple):
+class FacesByNumber(NamedTuple):
     """Faces and sources by number.
 
     first (n_objects + 1,), face : row of ``face_i`` of each primitive of each object, -1 for none
-    polariser (n_faces, 4) : absorption axis and extinction, extinction < 0 for no polariser
     vibration (n_sources, 3) : zero for natural light
+    laws : of the surfaces
     """
 
     first: I64
     face: I64
-    polariser: F64
     vibration: F64
+    laws: Amplitudes
 
 
 class PolarizedColumns(NamedTuple):
@@ -116,22 +100,7 @@ class PolarizedColumns(NamedTuple):
     stokes: NDArray[np.float32]
     path: F64
     phase: NDArray[np.float32]
-    event: I32
-    kept: I32
     waves: F64
-
-
-@inner_kernel
-def _index(medium_f: F64, medium: int, code: int, color_table: NDArray[np.uint16]) -> float:
-    """Refractive index at the colour of a segment, the mean over a mixed one."""
-    n_channels = color_table.shape[1]
-    if code < n_channels:
-        single: float = medium_f[medium, code]
-        return single
-    total = 0.0
-    for k in range(n_channels):
-        total += color_table[code - n_channels, k] * medium_f[medium, k]
-    return total / COLOR_SCALE
 
 
 @inner_kernel
@@ -167,24 +136,25 @@ def _beyond(
 
 @lean_kernel
 def polarize_rays(
-    scene: CompiledScene, rays: RayColumns, special: SpecialFaces, out: PolarizedColumns,
-    seed: int, first_ray: int, natural: bool,
+    scene: CompiledScene, rays: RayColumns, faces: FacesByNumber, out: PolarizedColumns,
+    seed: int, natural: bool,
 ) -> None:  # fmt: skip
     """Walk all rays of a portion; fills every column of ``out``."""
     a = 0
     for ray in range(len(rays.records_per_ray)):
         n = rays.records_per_ray[ray]
-        out.kept[ray] = _walk(scene, rays, special, out, a, n, seed, first_ray + ray, ray, natural)
+        _walk(scene, rays, faces, out, a, n, seed, rays.ids[ray], ray, natural)
         a += n
 
 
 @inner_kernel
 def _walk(
-    scene: CompiledScene, rays: RayColumns, special: SpecialFaces, out: PolarizedColumns, a: int,
+    scene: CompiledScene, rays: RayColumns, faces: FacesByNumber, out: PolarizedColumns, a: int,
     n: int, seed: int, ray_id: int, ray: int, natural: bool,
-) -> int:  # fmt: skip
-    """Follow one ray from record ``a``; how many of its ``n`` records are kept."""
+) -> None:  # fmt: skip
+    """Follow one ray of ``n`` records from record ``a``."""
     exact, waves, medium_f = rays.exact, out.waves, scene.medium_f
+    n_channels = scene.source_f.shape[1] - SOURCE_ROW
     state = stream_state(seed ^ _SALT, ray_id)
     source = rays.source[ray]
     nest = scene.source_i[source, L_NEST]
@@ -193,7 +163,6 @@ def _walk(
     dx, dy, dz = 0.0, 0.0, 1.0
     for k in range(a, a + n):
         event = rays.event[k]
-        out.event[k] = event
         out.path[k] = path
         last = k == a + n - 1
         ox, oy, oz = dx, dy, dz
@@ -204,12 +173,16 @@ def _walk(
             next_length = math.sqrt(wx * wx + wy * wy + wz * wz)
             if next_length > 0.0:
                 ox, oy, oz = wx / next_length, wy / next_length, wz / next_length
+        lost = False
+        if last:
+            # The state with which it arrives
+            store_state(waves, ox, oy, oz, k, out.stokes, out.phase)
         if k == a:
             # Emission: natural light, or the vibration of the source
             bx, by, bz = (
-                special.vibration[source, 0],
-                special.vibration[source, 1],
-                special.vibration[source, 2],
+                faces.vibration[source, 0],
+                faces.vibration[source, 1],
+                faces.vibration[source, 2],
             )
             state = advance(state)
             start_waves(waves, ox, oy, oz, natural, 2.0 * math.pi * uniform(state))
@@ -221,20 +194,20 @@ def _walk(
                 waves[0, 0] = scale * (bx - along * ox)
                 waves[0, 1] = scale * (by - along * oy)
                 waves[0, 2] = scale * (bz - along * oz)
-        elif not last and event & (_REFLECTED | _REFRACTED) != 0:
-            weight_here, nest = _specular(
-                scene, rays, special, waves, k, event, nest,
-                _Bend(x, y, z, dx, dy, dz, ox, oy, oz),
+        elif event & _ABSORBED != 0 or (not last and event & _AT_FACE != 0):
+            u, v = 0.0, 0.0
+            if event & _SCATTERED != 0:
+                state = advance(state)
+                u = uniform(state)
+                state = advance(state)
+                v = uniform(state)
+            factor, lost, nest = _meet(
+                scene, rays, faces, waves, k, nest, _Bend(x, y, z, dx, dy, dz, ox, oy, oz), u, v
             )  # fmt: skip
-            weight *= weight_here
-        elif not last and event & _SCATTERED != 0:
-            state = advance(state)
-            start_waves(waves, ox, oy, oz, natural, 2.0 * math.pi * uniform(state))
-            if event & _SCATTERED_THROUGH != 0:
-                nest = _through(scene, rays, special, k, nest, x, y, z, dx, dy, dz)
+            weight *= factor
         elif not last and event & _VOLUME != 0:
             medium = rays.medium[k]
-            if medium_f[medium, 3 * rays.color_table.shape[1]] == RAYLEIGH:
+            if medium_f[medium, 3 * n_channels] == RAYLEIGH:
                 # The density of the angle was 3 / 16 pi (1 + cos²), that of the wave is
                 # 3 / 8 pi times the power across the new direction
                 mu = dx * ox + dy * oy + dz * oz
@@ -242,40 +215,27 @@ def _walk(
                 weight *= 2.0 * power / (1.0 + mu * mu)
                 normalise_waves(waves, power)
             else:
+                lost = True
+        if not last:
+            if lost:
                 state = advance(state)
                 start_waves(waves, ox, oy, oz, natural, 2.0 * math.pi * uniform(state))
-        # A polariser in the face
-        face = _face_of(special, rays, k)
-        if k > a and not last and face >= 0 and special.polariser[face, 3] >= 0.0:
-            power = polarise_waves(waves, ox, oy, oz, special.polariser, face)
-            normalise_waves(waves, power)
-            state = advance(state)
-            if uniform(state) >= power:
-                out.event[k] = (event & (_RIM | _CROSSINGS)) | _ABSORBED_HERE
-                store_state(waves, ox, oy, oz, k, out.stokes, out.phase)
-                out.weight[ray] = weight
-                return k - a + 1
-            out.event[k] = event | _POLARISER
-        store_state(waves, ox, oy, oz, k, out.stokes, out.phase)
-        # Go to the next point
-        if not last:
-            path += next_length * _index(
-                medium_f, max(0, rays.medium[k]), rays.color_code[k], rays.color_table
-            )
+            store_state(waves, ox, oy, oz, k, out.stokes, out.phase)
+            # Go to the next point
+            path += next_length * medium_f[max(0, rays.medium[k]), rays.color_code[k]]
             x, y, z = exact[k + 1, 0], exact[k + 1, 1], exact[k + 1, 2]
             dx, dy, dz = ox, oy, oz
     out.weight[ray] = weight
-    return n
 
 
 @inner_kernel
-def _face_of(special: SpecialFaces, rays: RayColumns, k: int) -> int:
+def _face_of(faces: FacesByNumber, rays: RayColumns, k: int) -> int:
     """Row of ``face_i`` of the face met at a record, -1 for none."""
     obj = rays.object[k]
     if obj < 0:
         return -1
-    row = special.first[obj] + rays.triangle[k]
-    return special.face[row] if row < special.first[obj + 1] else -1
+    row = faces.first[obj] + rays.triangle[k]
+    return faces.face[row] if row < faces.first[obj + 1] else -1
 
 
 @inner_kernel
@@ -311,20 +271,6 @@ def _bending_normal(
     return vx * scale, vy * scale, vz * scale
 
 
-@inner_kernel
-def _through(
-    scene: CompiledScene, rays: RayColumns, special: SpecialFaces, k: int, nest: int, x: float,
-    y: float, z: float, dx: float, dy: float, dz: float,
-) -> int:  # fmt: skip
-    """Nest behind the face that a ray has crossed; as it was where that cannot be."""
-    face = _face_of(special, rays, k)
-    if face < 0:
-        return nest
-    nx, ny, nz = _normal_at(scene, rays, face, k, x, y, z)
-    behind = _crossed(scene, nest, face, dx * nx + dy * ny + dz * nz, x, y, z)
-    return behind if behind >= 0 else nest
-
-
 class _Bend(NamedTuple):
     """A point at which light turns, its direction d before and o after it."""
 
@@ -340,59 +286,39 @@ class _Bend(NamedTuple):
 
 
 @inner_kernel
-def _specular(
-    scene: CompiledScene, rays: RayColumns, special: SpecialFaces, waves: F64, k: int, event: int,
-    nest: int, bend: _Bend,
-) -> tuple[float, int]:  # fmt: skip
-    """Reflect or refract the fields at a record; factor of the weight, and the nest behind."""
+def _meet(
+    scene: CompiledScene, rays: RayColumns, faces: FacesByNumber, waves: F64, k: int, nest: int,
+    bend: _Bend, u: float, v: float,
+) -> tuple[float, bool, int]:  # fmt: skip
+    """Let the fields meet a face at a record: factor of the weight, whether the state is lost, and
+    the nest behind."""
     x, y, z, dx, dy, dz, ox, oy, oz = bend
-    face = _face_of(special, rays, k)
+    event = rays.event[k]
+    face = _face_of(faces, rays, k)
     nx, ny, nz = _normal_at(scene, rays, face, k, x, y, z)
     cosine = dx * nx + dy * ny + dz * nz
     if cosine >= 0.0:
         nx, ny, nz = -nx, -ny, -nz
-    surface = scene.face_i[face, F_SURFACE] if face >= 0 else -1
-    bare = (
-        surface >= 0
-        and scene.surface_i[surface, S_KIND] == DIELECTRIC
-        and scene.surface_i[surface, S_MODEL] == 0
-    )
-    before = rays.medium[k - 1]
-    factor = 1.0
-    if face >= 0 and scene.face_i[face, F_KIND] == MESH:
-        m1, m2 = 1.0, 1.0
-        if event & _REFRACTED != 0:
-            m1 = _index(scene.medium_f, max(0, before), rays.color_code[k], rays.color_table)
-            m2 = _index(
-                scene.medium_f, max(0, rays.medium[k]), rays.color_code[k], rays.color_table
-            )
-        nx, ny, nz = _bending_normal(m1, m2, dx, dy, dz, ox, oy, oz, nx, ny, nz)
-    if not bare:
-        turn_waves(
-            waves, dx, dy, dz, nx, ny, nz, ox, oy, oz, 1.0 if event & _REFRACTED != 0 else -1.0
-        )
-    elif event & _REFRACTED != 0:
-        # Where the index depends on the channel, the ray goes on in the channel that was drawn
-        code = rays.color_code[k]
-        n1 = _index(scene.medium_f, before, code, rays.color_table)
-        n2 = _index(scene.medium_f, rays.medium[k], code, rays.color_table)
-        cos_i = min(1.0, -(dx * nx + dy * ny + dz * nz))
-        chance = 1.0 - fresnel_reflectance(n1, n2, cos_i)
-        power = split_waves(waves, dx, dy, dz, nx, ny, nz, n1, n2, 9)
-        normalise_waves(waves, power)
-        factor = power / chance if chance > 0.0 else 1.0
-    else:
+    through = event & _THROUGH != 0
+    before = max(0, rays.medium[k - 1])
+    # Every ray is of one channel
+    code = rays.color_code[k]
+    if through:
+        other = max(0, rays.medium[k])
+    elif face >= 0:
         other = _beyond(scene, nest, face, cosine, before, x, y, z)
-        code = rays.color_code[k - 1]
-        n1 = _index(scene.medium_f, before, code, rays.color_table)
-        n2 = _index(scene.medium_f, other, code, rays.color_table)
-        cos_i = min(1.0, -(dx * nx + dy * ny + dz * nz))
-        chance = fresnel_reflectance(n1, n2, cos_i)
-        power = split_waves(waves, dx, dy, dz, nx, ny, nz, n1, n2, 0)
-        normalise_waves(waves, power)
-        if event & _TIR == 0 and chance > 0.0:
-            factor = power / chance
-    if event & _REFRACTED != 0 and face >= 0:
+    else:
+        other = before
+    n1, n2 = scene.medium_f[before, code], scene.medium_f[other, code]
+    if face >= 0 and scene.face_i[face, F_KIND] == MESH and event & _SPECULAR != 0:
+        m1, m2 = (n1, n2) if through else (1.0, 1.0)
+        nx, ny, nz = _bending_normal(m1, m2, dx, dy, dz, ox, oy, oz, nx, ny, nz)
+    surface = scene.face_i[face, F_SURFACE] if face >= 0 else -1
+    factor, lost = meet_waves(
+        faces.laws, waves, event, Met(surface, code, n1, n2),
+        Turn(dx, dy, dz, ox, oy, oz, nx, ny, nz), u, v,
+    )  # fmt: skip
+    if through and face >= 0:
         behind = _crossed(scene, nest, face, cosine, x, y, z)
         nest = behind if behind >= 0 else nest
-    return factor, nest
+    return factor, lost, nest

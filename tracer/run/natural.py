@@ -10,11 +10,10 @@ from raymap.encoding.encoder import PortionEncoder
 from raymap.model.portion import Portion
 from raymap.model.schema import PORTION_RAYS
 from raymap.optics.cells import is_pinhole
-from tracer.compiled import R_RAYS, R_SPLITS
 from tracer.run.rehearsal import compile_trace, order_faces
 from tracer.run.results import depth_limit
 from tracer.run.trace import CompiledTrace, Trace
-from tracer.scene.supported import refuse_pinholes, warn_of_polarised_sources
+from tracer.scene.supported import refuse_pinholes, warn_of_polarised_light
 from tracer.transport.source_check import check_sources
 from tracer.transport.wavefront import Wavefront
 
@@ -40,17 +39,10 @@ class NaturalTrace(CompiledTrace):
     def parameters(self) -> Mapping[str, Any]:
         return {}
 
-    @property
-    def fan(self) -> int:
-        rare = self.compilation.arrays.rare
-        if rare is None or rare.settings[R_SPLITS] <= 0.0:
-            return 1
-        return int(rare.settings[R_RAYS])
-
     def prepared(self, encoder: PortionEncoder | None, threads: int) -> Trace:
         compile_trace(self.compilation, encoder, threads)
         check_sources(self.compilation)
-        warn_of_polarised_sources(self.compilation)
+        warn_of_polarised_light(self.compilation)
         if self.compilation.arrays.rare is not None:
             refuse_pinholes(self.compilation, "the weighted one")
         return NaturalTrace(order_faces(self.compilation))

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from raymap.encoding.encoder import PortionEncoder
 from raymap.model.directory import ChannelSet, Directory, DisplayMesh
 from raymap.model.portion import Portion
+from tracer.compiled import R_RAYS, R_SPLITS
 
 if TYPE_CHECKING:
     from tracer.scene.compile import Compilation
@@ -112,3 +113,10 @@ class CompiledTrace:
     @property
     def meshes(self) -> Mapping[int, DisplayMesh]:
         return self.compilation.meshes
+
+    @property
+    def fan(self) -> int:
+        rare = self.compilation.arrays.rare
+        if rare is None or rare.settings[R_SPLITS] <= 0.0:
+            return 1
+        return int(rare.settings[R_RAYS])

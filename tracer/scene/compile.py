@@ -219,7 +219,7 @@ class _Compiler:
             plain=plain,
             tables=tables if _needs_tables(surface_i, self.media.integers) else None,
             sphere=np.array([*center, radius, *detectors.box(1e-9 * radius)]),
-            limits=np.array([scene.limits.depth, world, detectors.virtual], np.int64),
+            limits=np.array([scene.limits.depth, world, detectors.virtual, 0], np.int64),
             rare=rare,
             contacts=contacts,
             light_pool=sources.pool,

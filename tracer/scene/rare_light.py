@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from raymap.model.errors import SceneError
 from raymap.model.names import nearest_names
@@ -20,7 +20,7 @@ from tracer.compiled import (
     TARGET_SPHERE,
     RareLight,
 )
-from tracer.description.fields import Node, Vector
+from tracer.description.fields import Node
 from tracer.geometry.shapes import Annulus, Rectangle, Shape
 
 __all__ = ["TraceModel", "compile_rare_light"]
@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 _WEIGHTED = (
     "min_reflection", "split_depth", "aim", "aim_share", "roulette_weight", "rays_per_emission",
 )  # fmt: skip
-_POLARISED = ("states", "polarisers", "phases")
+_POLARISED = ("states", "phases")
 
 
 class TraceModel(Node):
@@ -46,14 +46,12 @@ class TraceModel(Node):
 
     ``light`` is natural or polarised. Of polarised light ``states`` says what unpolarised sources
     send: "linear" draws one linear wave per ray, "natural" carries both halves of natural light
-    along; ``polarisers`` are faces that absorb vibrations along an axis; ``phases`` stores phases
-    and exact optical paths. ``lens_trees`` traces lenses as primitives, all branches of a tree of
+    along; ``phases`` stores phases and exact optical paths. ``lens_trees`` traces lenses as primitives, all branches of a tree of
     that many levels kept until they fall below ``min_flux``, a share of their emission.
     """
 
     light: Literal["natural", "polarised"] = "natural"
     states: Literal["linear", "natural"] = "linear"
-    polarisers: dict[str, Vector] = {}
     phases: bool = False
     lens_trees: Annotated[int, Field(ge=1, le=1000)] | None = None
     min_flux: Annotated[float, Field(ge=0, lt=1)] = 1e-6
@@ -64,6 +62,16 @@ class TraceModel(Node):
     aim_share: Annotated[float, Field(gt=0, le=0.9)] = 0.5
     roulette_weight: Annotated[float, Field(ge=0, lt=1)] = 0.0
     rays_per_emission: Annotated[int, Field(ge=2, le=65536)] = 256
+
+    @model_validator(mode="before")
+    @classmethod
+    def _say_what_is_gone(cls, given: Any) -> Any:
+        if isinstance(given, dict) and "polarisers" in given:
+            raise ValueError(
+                "polarisers are surfaces now: give the face a surface of kind = 'polariser' that "
+                "absorbs = [x, y, z]"
+            )
+        return given
 
     def model_post_init(self, context: Any) -> None:
         for keys, goes, needs in (

@@ -25,10 +25,9 @@ if TYPE_CHECKING:
 __all__ = [
     "NaturalLight",
     "refuse_pinholes",
-    "refuse_polarising_faces",
     "refuse_weighting",
     "require_plain_scene",
-    "warn_of_polarised_sources",
+    "warn_of_polarised_light",
 ]
 
 _PLAIN = (COLLIMATED, LAMBERTIAN_CONE, UNIFORM_CONE)
@@ -97,38 +96,12 @@ def refuse_weighting(scene: Scene, engine: str) -> None:
     )
 
 
-def refuse_polarising_faces(compilation: Compilation) -> None:
-    """Refuse faces whose reflection of s and p differs in a way that the pass does not know.
-
-    Raises
-    ------
-    SceneError
-        naming the surface, its key and a face that has it
-    """
-    directory, scene = compilation.directory, compilation.scene
-    faces: dict[str, str] = {}
-    for item in directory.objects:
-        for face in item.faces:
-            if face.surface >= 0:
-                name = directory.surfaces[face.surface].name
-                faces.setdefault(name, f"{item.name}.{face.name}")
-    for name, model in scene.surfaces.items():
-        unknown = model.splits_polarisation() if name in faces else None
-        if unknown is not None:
-            key, why = unknown
-            raise SceneError(
-                f"{scene.origin}: surfaces.{name}.{key}: {why}, which polarised "
-                f"light does not know (face {faces[name]}); natural light does: leave out "
-                "trace.light"
-            )
-
-
 class NaturalLight(UserWarning):
     """Light that the scene says is polarised is traced as natural light."""
 
 
-def warn_of_polarised_sources(compilation: Compilation) -> None:
-    """Say which sources are traced as natural light though the scene gives their vibration.
+def warn_of_polarised_light(compilation: Compilation) -> None:
+    """Say what of a scene has no effect on natural light: vibrations of sources, polarising sheets.
 
     Warns
     -----
@@ -140,6 +113,15 @@ def warn_of_polarised_sources(compilation: Compilation) -> None:
             warnings.warn(
                 f"{scene.origin}: sources.{name}.polarisation has no effect on natural light; "
                 "polarised light heeds it: [trace] light = 'polarised'",
+                NaturalLight,
+                stacklevel=3,
+            )
+    for name, surface in scene.surfaces.items():
+        if surface.needs_polarised_light():
+            warnings.warn(
+                f"{scene.origin}: surfaces.{name}: a {surface.kind} does to natural light what it "
+                "does to light that no other has met; behind one another, or in polarised light, "
+                "they need [trace] light = 'polarised'",
                 NaturalLight,
                 stacklevel=3,
             )

@@ -256,7 +256,7 @@ def examine(scene: Scene, wavelength_nm: float | None = None) -> dict[str, Any]:
         scene whose light does not reach it
     """
     from tracer.scene.compile import compile_scene
-    from tracer.scene.supported import warn_of_polarised_sources
+    from tracer.scene.supported import warn_of_polarised_light
     from tracer.transport.source_check import check_sources
 
     if scene.light_of_media:
@@ -264,7 +264,7 @@ def examine(scene: Scene, wavelength_nm: float | None = None) -> dict[str, Any]:
         return _parts(scene, found.directory, found.channel_set.labels)
     compilation = compile_scene(scene)
     check_sources(compilation)
-    warn_of_polarised_sources(compilation)
+    warn_of_polarised_light(compilation)
     report = _parts(scene, compilation.directory, compilation.channel_set.labels)
     report["faces"] = len(compilation.arrays.face_i)
     if any(isinstance(body, LensBody) for body in scene.bodies.values()):

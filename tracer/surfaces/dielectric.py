@@ -162,9 +162,15 @@ class CoatingLayer(Node):
     thickness_nm: Annotated[Length, Field(ge=0)]
 
 
+_Rows = tuple[tuple[float, ...], ...]
+_NATURAL = ("reflectance", "transmittance")
+_POLARISED = ("reflectance_s", "reflectance_p", "transmittance_s", "transmittance_p")
+
+
 class Coating(Node):
     """A stack of ``layers`` from the first of two media ``between`` to the second, or a
-    measurement: reflectance and transmittance, a row per wavelength with a value per angle."""
+    measurement: reflectance and transmittance, a row per wavelength with a value per angle, of
+    natural light or of s and p."""
 
     layers: tuple[CoatingLayer, ...] = ()
     between: tuple[str, str] | None = None
@@ -172,6 +178,10 @@ class Coating(Node):
     angle_deg: tuple[Finite, ...] = ()
     reflectance: tuple[tuple[Share, ...], ...] = ()
     transmittance: tuple[tuple[Share, ...], ...] = ()
+    reflectance_s: tuple[tuple[Share, ...], ...] = ()
+    reflectance_p: tuple[tuple[Share, ...], ...] = ()
+    transmittance_s: tuple[tuple[Share, ...], ...] = ()
+    transmittance_p: tuple[tuple[Share, ...], ...] = ()
 
     def model_post_init(self, context: Any) -> None:
         if bool(self.layers) == bool(self.angle_deg):
@@ -180,11 +190,17 @@ class Coating(Node):
             raise ValueError(
                 "layers need the media that they lie between: between = [first, second]"
             )
-        measured = {"wavelength_nm", "reflectance", "transmittance"} & self.model_fields_set
+        measured = {"wavelength_nm", *_NATURAL, *_POLARISED} & self.model_fields_set
         if self.layers and measured:
             raise ValueError(
                 f"{', '.join(sorted(measured))} belongs to a table over angle_deg; layers are "
                 "computed: drop either"
+            )
+        polarised = set(_POLARISED) & self.model_fields_set
+        if polarised and (len(polarised) < 4 or set(_NATURAL) & self.model_fields_set):
+            raise ValueError(
+                f"a table of polarised light has all of {', '.join(_POLARISED)}, and natural light "
+                "is their mean: leave reflectance and transmittance out"
             )
 
     def stated(self, row: SurfaceRow, scatter: RadialScatter | None) -> StackLaw | TableLaw:
@@ -205,15 +221,32 @@ class Coating(Node):
                 for layer in self.layers
             )
             return StackLaw(between=(first, second), layers=layers, scatter=scatter)
-        back, through = measured_at_channels(
+        if not self.reflectance_s:
+            back, through = self._measured(row, self.reflectance, self.transmittance)
+            return _table(self.angle_deg, back, through, scatter)
+        s_back, s_through = self._measured(row, self.reflectance_s, self.transmittance_s)
+        p_back, p_through = self._measured(row, self.reflectance_p, self.transmittance_p)
+        natural = _table(
+            self.angle_deg, 0.5 * (s_back + p_back), 0.5 * (s_through + p_through), scatter
+        )
+        return natural.model_copy(
+            update={
+                "reflectance_s": tuple(map(tuple, s_back.tolist())),
+                "transmittance_s": tuple(map(tuple, s_through.tolist())),
+            }
+        )
+
+    def _measured(
+        self, row: SurfaceRow, reflectance: _Rows, transmittance: _Rows
+    ) -> tuple[Array, Array]:
+        return measured_at_channels(
             row.wavelengths_nm,
             self.wavelength_nm,
             self.angle_deg,
-            self.reflectance,
-            self.transmittance,
+            reflectance,
+            transmittance,
             name=row.name,
         )
-        return _table(self.angle_deg, back, through, scatter)
 
     def table(self, row: SurfaceRow) -> Array:
         """What the engine looks up, a row per channel.
@@ -281,12 +314,6 @@ class Dielectric(Surface):
     def transmits(self) -> bool:
         return True
 
-    def splits_polarisation(self) -> tuple[str, str] | None:
-        if self.coating is not None:
-            return "coating", "a coating reflects s and p unlike"
-        if self.scatter is not None:
-            return "scatter", "scatter takes its share from the s and p light that is reflected"
-        return None
 
 
 KINDS = (Dielectric,)

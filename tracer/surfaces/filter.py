@@ -65,8 +65,6 @@ class Filter(Surface):
     def transmits(self) -> bool:
         return True
 
-    def splits_polarisation(self) -> tuple[str, str] | None:
-        return "kind", "a filter reflects s and p unlike at its two faces"
 
 
 KINDS = (Filter,)

@@ -29,12 +29,9 @@ from tracer.surfaces.scatter import Scatter
 from tracer.surfaces.specular import scatter_specular
 from tracer.surfaces.surface import Surface, SurfaceRow
 
-__all__ = ["METAL_SPLITS", "Metal", "Mirror", "meet_mirror", "reflect_at_mirror"]
+__all__ = ["Metal", "Mirror", "meet_mirror", "reflect_at_mirror"]
 
 Array = NDArray[np.float64]
-
-METAL_SPLITS = "a metal n + i k reflects s and p unlike"
-
 
 @inner_kernel
 def meet_mirror(optics: Optics, at: Interface, way: Way, light: Light) -> Meeting:
@@ -116,8 +113,6 @@ class Mirror(Surface):
             return None
         return MirrorLaw(reflectance=row.listed(self.reflectance), n=n, k=k, scatter=scatter)
 
-    def splits_polarisation(self) -> tuple[str, str] | None:
-        return ("metal", METAL_SPLITS) if self.metal is not None else None
 
 
 KINDS = (Mirror,)

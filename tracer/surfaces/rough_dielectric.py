@@ -155,8 +155,6 @@ class RoughDielectric(Surface):
     def transmits(self) -> bool:
         return True
 
-    def splits_polarisation(self) -> tuple[str, str] | None:
-        return "kind", "the facets of a rough dielectric reflect s and p unlike"
 
 
 KINDS = (RoughDielectric,)

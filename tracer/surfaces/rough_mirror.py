@@ -19,7 +19,7 @@ from tracer.rays.colors import COLORS, mean_of, recolor, recolor_lost
 from tracer.rays.random import advance, five_uniform, uniform
 from tracer.surfaces.interaction import ABSORBED, GLOSSY_REFLECTION, Hit, Light, Optics, Outcome
 from tracer.surfaces.metals import metal_reflectance, survive_metal
-from tracer.surfaces.mirror import METAL_SPLITS, Metal
+from tracer.surfaces.mirror import Metal
 from tracer.surfaces.surface import Surface, SurfaceRow
 
 __all__ = [
@@ -150,8 +150,6 @@ class RoughMirror(Surface):
         back = row.listed(self.reflectance)
         return MirrorLaw(reflectance=back, n=n, k=k, roughness=self.roughness or 0.0)
 
-    def splits_polarisation(self) -> tuple[str, str] | None:
-        return ("metal", METAL_SPLITS) if self.metal is not None else None
 
 
 KINDS = (RoughMirror,)

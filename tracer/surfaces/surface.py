@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -16,7 +17,7 @@ from tracer.description.channels import RGB_NM
 from tracer.description.fields import ByWavelength, Node
 from tracer.surfaces.law import Law
 
-__all__ = ["Surface", "SurfaceRow", "TablePool"]
+__all__ = ["Surface", "SurfaceRow", "TablePool", "axis_of"]
 
 Array = NDArray[np.float64]
 
@@ -154,6 +155,21 @@ class SurfaceRow:
             )
 
 
+def axis_of(given: Sequence[float] | None, place: str) -> tuple[float, float, float]:
+    """The unit vector along a given one.
+
+    Raises
+    ------
+    SceneError
+        of length zero
+    """
+    x, y, z = map(float, given or (0.0, 0.0, 0.0))
+    length = math.hypot(x, y, z)
+    if not (0.0 < length < math.inf):
+        raise SceneError(f"{place}: an axis needs three numbers that are not all zero")
+    return x / length, y / length, z / length
+
+
 class Surface(Node):
     """Optical properties of faces: what all kinds share.
 
@@ -196,9 +212,9 @@ class Surface(Node):
         """To how many sides scattered light may be aimed; 0 where it keeps to a narrow cone."""
         return 2 if self.law is not None or self.transmits() else 1
 
-    def splits_polarisation(self) -> tuple[str, str] | None:
-        """The key by which s and p are treated unlike, and what it does; None if there is none."""
-        return None
+    def needs_polarised_light(self) -> bool:
+        """Whether natural light is all but what it is made for."""
+        return False
 
     def fingerprint(self) -> dict[str, Any]:
         """All keys with their values, the same for a surface of any version."""

@@ -143,8 +143,7 @@ class Workspace:
         b = self.buffers
         n = int(b.counters[LIVE])
         if b.counters[RECORDS] + n > len(b.words):
-            exact = grown(b.exact) if len(b.exact) else b.exact
-            b = with_more_records(b)._replace(exact=exact)
+            b = with_more_records(b)
         while b.counters[DESCRIPTORS] + n * (len(scene.detector_i) + 1) > len(b.meeting_t):
             b = b._replace(meetings=grown(b.meetings), meeting_t=grown(b.meeting_t))
         if b.counters[COLORS] + 4 * n > len(b.colors):
@@ -155,7 +154,8 @@ class Workspace:
 def with_more_records(b: Buffers) -> Buffers:
     """The buffers with room for twice as many records."""
     words = grown(b.words)
-    return b._replace(words=words, real=words.view(np.float32), owners=grown(b.owners))
+    exact = grown(b.exact) if len(b.exact) else b.exact
+    return b._replace(words=words, real=words.view(np.float32), owners=grown(b.owners), exact=exact)
 
 
 def grown(array: Array) -> Array:

@@ -36,6 +36,7 @@ from tracer.compiled import (
     L_MEDIUM,
     L_NEST,
     M_PARTICIPATING,
+    SINGLE,
     SOURCE_ROW,
     VIRTUAL,
     WORLD,
@@ -44,8 +45,8 @@ from tracer.compiled import (
 from tracer.geometry.kinds import MESH
 from tracer.geometry.normals import face_normal
 from tracer.media.volumes import fly_freely, passes_surely
-from tracer.rays.colors import COLORS
-from tracer.rays.random import advance, stream_state
+from tracer.rays.colors import COLORS, pick_channel
+from tracer.rays.random import advance, stream_state, uniform
 from tracer.sources.lights import emit_light
 from tracer.surfaces.interaction import Interface, Light, Way, optics_of
 from tracer.transport.buffers import (
@@ -137,6 +138,9 @@ def emit_block(scene: CompiledScene, seed: int, first_ray: int, n: int, b: Buffe
         source, x, y, z, dx, dy, dz, nx, ny, nz, code, state = emit_light(
             source_i, source_f, pattern, pool, rays, colors, counters, seed, first_ray + i
         )
+        if scene.limits[SINGLE] != 0 and code >= n_channels:
+            state = advance(state)
+            code = pick_channel(colors, code, uniform(state))
         live_f[0, i], live_f[1, i], live_f[2, i] = x, y, z
         live_f[3, i], live_f[4, i], live_f[5, i] = dx, dy, dz
         live_f[WEIGHT, i] = 1.0
@@ -384,6 +388,8 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
                     twin_code(twins), twin,
                 )  # fmt: skip
                 write_record(columns, r, point)
+                if len(exact) > 0:
+                    exact[r, 0], exact[r, 1], exact[r, 2] = x, y, z
                 r += 1
             if event & ENDING != 0:
                 ray_f[unsigned(ray)] = weight

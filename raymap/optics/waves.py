@@ -1,12 +1,14 @@
-"""The waves of a ray of polarised light: what one step of the pass does to them.
+"""The state of a ray of polarised light, and what single steps do to it.
 
-``waves`` (2, 6) holds the real and imaginary parts of two fields that do not interfere: together
-they are the state of the ray, its total power 1 but within a step.
+``waves`` (2, 6) holds the real and imaginary parts of two fields across the ray that do not
+interfere: one wave for a linear state, two halves for natural light. Their total power is 1 but
+within a step. Conventions: exp(-i w t); s, p and signs as in `raymap.optics.fresnel`.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +16,14 @@ from numpy.typing import NDArray
 from raymap.jit.kernels import inner_kernel
 from raymap.jit.types import F64
 from raymap.optics.frames import s_vector
-from tracer.optics.polarization_fresnel import Wave, split_field
 
 __all__ = [
+    "Turn",
     "normalise_waves",
+    "part_along_s",
     "polarise_waves",
     "project_waves",
-    "split_waves",
+    "retard_waves",
     "start_waves",
     "stokes_axis",
     "store_state",
@@ -80,59 +83,73 @@ def normalise_waves(waves: F64, power: float) -> None:
                 waves[k, i] *= scale
 
 
+class Turn(NamedTuple):
+    """A point at which light turns: its direction d before, o after, and the unit normal n there,
+    on the side from which the light comes."""
+
+    dx: float
+    dy: float
+    dz: float
+    ox: float
+    oy: float
+    oz: float
+    nx: float
+    ny: float
+    nz: float
+
+
 @inner_kernel
-def split_waves(
-    waves: F64, dx: float, dy: float, dz: float, nx: float, ny: float, nz: float, n1: float,
-    n2: float, first: int,
-) -> float:  # fmt: skip
-    """Replace the fields by the reflected (first = 0) or refracted (9) ones; their power."""
+def turn_waves(waves: F64, turn: Turn, a_s: complex, a_p: complex) -> float:
+    """Carry the fields to a new direction, s and p with an amplitude each; their power then.
+
+    s = d x n / |d x n| before and after, p = d x s and o x s (`raymap.optics.fresnel`). The
+    amplitudes are of flux: |a|² is a share of it.
+    """
+    dx, dy, dz, ox, oy, oz, nx, ny, nz = turn
+    sx, sy, sz = s_vector(dx, dy, dz, nx, ny, nz)
+    px, py, pz = dy * sz - dz * sy, dz * sx - dx * sz, dx * sy - dy * sx
+    qx, qy, qz = oy * sz - oz * sy, oz * sx - ox * sz, ox * sy - oy * sx
     power = 0.0
     for k in range(2):
-        wave = Wave(
-            waves[k, 0], waves[k, 1], waves[k, 2], waves[k, 3], waves[k, 4], waves[k, 5],
-            dx, dy, dz,
-        )  # fmt: skip
-        parts = split_field(wave, nx, ny, nz, n1, n2, False)
-        if first == 0:
-            waves[k, 0], waves[k, 1], waves[k, 2] = parts[0], parts[1], parts[2]
-            waves[k, 3], waves[k, 4], waves[k, 5] = parts[3], parts[4], parts[5]
-        else:
-            waves[k, 0], waves[k, 1], waves[k, 2] = parts[9], parts[10], parts[11]
-            waves[k, 3], waves[k, 4], waves[k, 5] = parts[12], parts[13], parts[14]
+        s = complex(
+            waves[k, 0] * sx + waves[k, 1] * sy + waves[k, 2] * sz,
+            waves[k, 3] * sx + waves[k, 4] * sy + waves[k, 5] * sz,
+        )
+        p = complex(
+            waves[k, 0] * px + waves[k, 1] * py + waves[k, 2] * pz,
+            waves[k, 3] * px + waves[k, 4] * py + waves[k, 5] * pz,
+        )
+        s, p = a_s * s, a_p * p
+        waves[k, 0], waves[k, 3] = s.real * sx + p.real * qx, s.imag * sx + p.imag * qx
+        waves[k, 1], waves[k, 4] = s.real * sy + p.real * qy, s.imag * sy + p.imag * qy
+        waves[k, 2], waves[k, 5] = s.real * sz + p.real * qz, s.imag * sz + p.imag * qz
         for i in range(6):
             power += waves[k, i] * waves[k, i]
     return power
 
 
 @inner_kernel
-def turn_waves(
-    waves: F64, dx: float, dy: float, dz: float, nx: float, ny: float, nz: float, ox: float,
-    oy: float, oz: float, sign: float,
-) -> None:  # fmt: skip
-    """Carry the fields to a new direction: s keeps ``sign`` times its part, p its own.
-
-    ``sign`` = -1 is a perfect metal, +1 a transmission that treats both alike.
-    """
-    sx, sy, sz = s_vector(dx, dy, dz, nx, ny, nz)
-    px, py, pz = dy * sz - dz * sy, dz * sx - dx * sz, dx * sy - dy * sx
-    qx, qy, qz = oy * sz - oz * sy, oz * sx - ox * sz, ox * sy - oy * sx
+def part_along_s(waves: F64, turn: Turn) -> float:
+    """Share of the power that vibrates along s."""
+    sx, sy, sz = s_vector(turn.dx, turn.dy, turn.dz, turn.nx, turn.ny, turn.nz)
+    power = 0.0
     for k in range(2):
         for i in range(0, 6, 3):
-            a, b, c = waves[k, i], waves[k, i + 1], waves[k, i + 2]
-            s = sign * (a * sx + b * sy + c * sz)
-            p = a * px + b * py + c * pz
-            waves[k, i] = s * sx + p * qx
-            waves[k, i + 1] = s * sy + p * qy
-            waves[k, i + 2] = s * sz + p * qz
+            s = waves[k, i] * sx + waves[k, i + 1] * sy + waves[k, i + 2] * sz
+            power += s * s
+    return power
 
 
 @inner_kernel
-def polarise_waves(waves: F64, dx: float, dy: float, dz: float, polariser: F64, face: int) -> float:
-    """Send the fields through a sheet polariser; the power that is left."""
-    bx, by, bz = polariser[face, 0], polariser[face, 1], polariser[face, 2]
+def polarise_waves(
+    waves: F64, dx: float, dy: float, dz: float, bx: float, by: float, bz: float, leak: float
+) -> float:
+    """Send the fields through a sheet that absorbs along b; the power that is left.
+
+    ``leak`` is the amplitude of the absorbed vibration that gets through.
+    """
     tx, ty, tz = dy * bz - dz * by, dz * bx - dx * bz, dx * by - dy * bx
     length2 = tx * tx + ty * ty + tz * tz
-    leak = math.sqrt(polariser[face, 3])
     scale2 = 1.0 / length2 if length2 > 1e-24 else 0.0
     power = 0.0
     for k in range(2):
@@ -145,6 +162,32 @@ def polarise_waves(waves: F64, dx: float, dy: float, dz: float, polariser: F64, 
         for i in range(6):
             power += waves[k, i] * waves[k, i]
     return power
+
+
+@inner_kernel
+def retard_waves(
+    waves: F64, dx: float, dy: float, dz: float, bx: float, by: float, bz: float, phase: float
+) -> None:
+    """Delay the vibration along b, as far as it lies across the ray, by a phase [rad]."""
+    along = bx * dx + by * dy + bz * dz
+    ux, uy, uz = bx - along * dx, by - along * dy, bz - along * dz
+    length2 = ux * ux + uy * uy + uz * uz
+    if length2 < 1e-24:
+        return
+    scale = 1.0 / math.sqrt(length2)
+    ux, uy, uz = ux * scale, uy * scale, uz * scale
+    # exp(-i w t): a longer way turns the field by a positive phase
+    cosine, sine = math.cos(phase) - 1.0, math.sin(phase)
+    for k in range(2):
+        a = waves[k, 0] * ux + waves[k, 1] * uy + waves[k, 2] * uz
+        b = waves[k, 3] * ux + waves[k, 4] * uy + waves[k, 5] * uz
+        real, imaginary = cosine * a - sine * b, cosine * b + sine * a
+        waves[k, 0] += real * ux
+        waves[k, 1] += real * uy
+        waves[k, 2] += real * uz
+        waves[k, 3] += imaginary * ux
+        waves[k, 4] += imaginary * uy
+        waves[k, 5] += imaginary * uz
 
 
 @inner_kernel
