@@ -31,7 +31,6 @@ from raymap.jit.types import F64, I64
 from raymap.laws.jones import (
     BARE,
     DEPOLARISES,
-    EVEN,
     EVEN_MIRROR,
     LAYERS,
     METAL,
@@ -281,8 +280,8 @@ def _meet_sheet(a: Amplitudes, waves: F64, event: int, met: Met, turn: Turn) -> 
     power = polarise_waves(waves, dx, dy, dz, bx, by, bz, math.sqrt(last))
     normalise_waves(waves, power)
     if event & _ABSORBED != 0:
-        return (1.0 - clear * power) / (1.0 - clear * natural)
-    return power / natural
+        return float((1.0 - clear * power) / (1.0 - clear * natural))
+    return float(power / natural)
 
 
 @inner_kernel

@@ -56,6 +56,7 @@ POLARISER : axis that it absorbs, extinction, transmittance of what it does not 
 RETARDER : slow axis, retardation [rad]
 """
 
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JonesRow:
     """What a law does to polarised light.

@@ -58,8 +58,8 @@ class MirrorLaw(Law):
         return reflected, np.zeros(reflected.shape)
 
     def jones(self, channels: InChannels) -> JonesRow | None:
-        rows = self.reflectance or tuple(zip(self.n, self.k, strict=True))
-        numbers = np.array([[*np.atleast_1d(row), 0.0] for row in rows])
+        columns = [self.reflectance] if self.reflectance else [self.n, self.k]
+        numbers = np.column_stack([*columns, np.zeros(len(columns[0]))])
         if self.roughness > 0.0:
             table = conductor_table(self.roughness)
             averages = self.reflectance or [

@@ -68,7 +68,9 @@ class StackLaw(Law):
         for channel, nm in enumerate(channels.wavelengths_nm):
             # From the rarer medium to the denser, as the table
             ordered = layers[::-1] if first[channel] > second[channel] else layers
-            flat = [number for item in ordered for number in layer_numbers(item, channel, float(nm))]
+            flat = [
+                number for item in ordered for number in layer_numbers(item, channel, float(nm))
+            ]
             rows.append([float(len(layers)), *flat])
         numbers = np.hstack([self.tables(channels), np.array(rows)])
         return JonesRow(form=LAYERS, numbers=numbers, scatter=self.scatter)

@@ -147,5 +147,15 @@ _BY_CHANNEL = (
     "n",
     "k",
     "scattering",
+_BY_CHANNEL = (
+    "reflectance",
+    "transmittance",
+    "reflectance_s",
+    "transmittance_s",
+    "retardance_nm",
+    "n",
+    "k",
+    "scattering",
     "group_index",
+)
 )

@@ -67,7 +67,10 @@ class TableLaw(Law):
     @model_validator(mode="after")
     def _check(self) -> TableLaw:
         rows = (*self.reflectance, *self.transmittance, *self.reflectance_s, *self.transmittance_s)
-        if {len(self.reflectance_s), len(self.transmittance_s)} not in ({0}, {len(self.reflectance)}):
+        if {len(self.reflectance_s), len(self.transmittance_s)} not in (
+            {0},
+            {len(self.reflectance)},
+        ):
             raise ValueError("shares of s go with both reflectance and transmittance, by channel")
         if len(self.reflectance) != len(self.transmittance):
             raise ValueError("reflectance and transmittance are of other channels")

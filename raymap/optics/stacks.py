@@ -147,8 +147,6 @@ def _fill_shares(
 ) -> None:
     """Shares of natural light at the angles."""
     for i in range(len(sines)):
-        r_s, r_p, t_s, t_p = stack_amplitudes(
-            n_i, n_o, sines[i], layers, 0, len(layers) // 3, 3
-        )
+        r_s, r_p, t_s, t_p = stack_amplitudes(n_i, n_o, sines[i], layers, 0, len(layers) // 3, 3)
         reflected[i] = 0.5 * (abs(r_s) ** 2 + abs(r_p) ** 2)
         transmitted[i] = 0.5 * (abs(t_s) ** 2 + abs(t_p) ** 2)

@@ -225,7 +225,7 @@ NAMES = {
     "aim", "angle_weights", "between", "bodies", "cemented", "color", "contacts", "crystal",
     "detectors", "digest", "face", "face_colors", "faces", "files", "folder", "glass", "glasses",
     "illuminant", "inside", "kind", "law", "leave_out", "left_out", "media", "medium", "name",
-    "origin", "part", "path", "polarisers", "rim", "simulation", "sources", "specular", "surface",
+    "origin", "part", "path", "rim", "simulation", "sources", "specular", "surface",
     "surfaces", "text", "title", "use", "variants", "walls",
 }  # fmt: skip
 """Keys of text that name things of the scene, or that no scene file can set."""

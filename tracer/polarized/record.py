@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.encoding.encoder import PortionEncoder
-from raymap.model.errors import SceneError
 from raymap.laws.amplitudes import Amplitudes, amplitudes_of_laws
 from raymap.laws.stored import laws_of
 from raymap.laws.table import TableLaw
+from raymap.model.errors import SceneError
 from raymap.model.portion import Portion
 from raymap.model.schema import PORTION_RAYS
 from tracer.compiled import F_KIND, F_OBJECT, F_TRIANGLE, SINGLE

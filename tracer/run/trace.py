@@ -40,7 +40,7 @@ class Engine(Protocol):
         """
 
 
-TRANSPORT_LAW = 1
+TRANSPORT_LAW = 2
 """Raised whenever the same seed draws other paths; every run of a map says whose draws it holds."""
 
 

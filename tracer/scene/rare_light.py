@@ -46,8 +46,9 @@ class TraceModel(Node):
 
     ``light`` is natural or polarised. Of polarised light ``states`` says what unpolarised sources
     send: "linear" draws one linear wave per ray, "natural" carries both halves of natural light
-    along; ``phases`` stores phases and exact optical paths. ``lens_trees`` traces lenses as primitives, all branches of a tree of
-    that many levels kept until they fall below ``min_flux``, a share of their emission.
+    along; ``phases`` stores phases and exact optical paths. ``lens_trees`` traces lenses as
+    primitives, all branches of a tree of that many levels kept until they fall below ``min_flux``,
+    a share of their emission.
     """
 
     light: Literal["natural", "polarised"] = "natural"

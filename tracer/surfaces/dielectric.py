@@ -315,5 +315,4 @@ class Dielectric(Surface):
         return True
 
 
-
 KINDS = (Dielectric,)

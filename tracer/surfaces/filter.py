@@ -66,5 +66,4 @@ class Filter(Surface):
         return True
 
 
-
 KINDS = (Filter,)

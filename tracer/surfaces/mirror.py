@@ -33,6 +33,7 @@ __all__ = ["Metal", "Mirror", "meet_mirror", "reflect_at_mirror"]
 
 Array = NDArray[np.float64]
 
+
 @inner_kernel
 def meet_mirror(optics: Optics, at: Interface, way: Way, light: Light) -> Meeting:
     """Reflection, scatter about it, or absorption."""
@@ -112,7 +113,6 @@ class Mirror(Surface):
         if scatter is None and self.scatter is not None:
             return None
         return MirrorLaw(reflectance=row.listed(self.reflectance), n=n, k=k, scatter=scatter)
-
 
 
 KINDS = (Mirror,)

@@ -156,5 +156,4 @@ class RoughDielectric(Surface):
         return True
 
 
-
 KINDS = (RoughDielectric,)

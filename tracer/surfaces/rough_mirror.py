@@ -151,5 +151,4 @@ class RoughMirror(Surface):
         return MirrorLaw(reflectance=back, n=n, k=k, roughness=self.roughness or 0.0)
 
 
-
 KINDS = (RoughMirror,)

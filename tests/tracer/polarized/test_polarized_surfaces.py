@@ -167,7 +167,9 @@ def test_a_stack_of_a_crystal_package() -> None:
     )
     assert "1.38" not in text
     for part, right in (("s", float(data.R_ss[0])), ("p", float(data.R_pp[0]))):
-        [(share, error)] = shares(traced(text + half_space("stack") + lamp(60.0, part), 20_000), BACK)
+        [(share, error)] = shares(
+            traced(text + half_space("stack") + lamp(60.0, part), 20_000), BACK
+        )
         assert abs(share - right) < 4.0 * error
 
 
@@ -198,9 +200,7 @@ def test_a_metal_makes_elliptical_light() -> None:
     m, c = 2.9 + 3.1j, math.cos(theta)
     root = cmath.sqrt(1.0 - (math.sin(theta) / m) ** 2)
     r_s, r_p = (c - m * root) / (c + m * root), (m * c - root) / (m * c + root)
-    np.testing.assert_allclose(
-        stokes, [reflected_stokes(theta, r_s, r_p)] * len(stokes), atol=2e-6
-    )
+    np.testing.assert_allclose(stokes, [reflected_stokes(theta, r_s, r_p)] * len(stokes), atol=2e-6)
     assert abs(stokes[0, 2]) > 0.5
 
 
@@ -452,14 +452,18 @@ MODES = {
 @pytest.mark.parametrize("mode", ["weighted", "split"])
 def test_weighted_and_split_light_agree_with_analog_light(mode: str) -> None:
     """A coated plate on a metal: every class of path by z-test."""
-    text = STACK + half_space("stack").replace('"black"', '"clear"') + METAL.replace(
-        'surface = "metal"', 'surface = "metal"\nposition = [0, 0, 110]'
+    text = (
+        STACK
+        + half_space("stack").replace('"black"', '"clear"')
+        + METAL.replace('surface = "metal"', 'surface = "metal"\nposition = [0, 0, 110]')
     )
     scene = text + lamp(60.0, "both") + "[trace]\nlight = 'polarised'\n"
     found = []
     for name in ("analog", mode):
         compilation = compile_scene(parse_scene(HEAD + scene + MODES[name]))
-        portion = PolarizedWavefront(compilation, 3, Polarization(states="natural")).trace(0, 20_000)
+        portion = PolarizedWavefront(compilation, 3, Polarization(states="natural")).trace(
+            0, 20_000
+        )
         assert portion.weight is not None
         emission = portion.emission if portion.emission is not None else np.arange(portion.n_rays)
         _, place = np.unique(emission, return_inverse=True)
@@ -485,7 +489,10 @@ def test_weighted_and_split_light_agree_with_analog_light(mode: str) -> None:
 
 def test_rays_of_mixed_colour_go_on_in_one_channel() -> None:
     """A metal whose index depends on the wavelength: each channel by its own amplitudes."""
-    text = METAL.replace("{ n = 2.9, k = 3.1 }", "{ n = { wavelength_nm = [450, 650], value = [1.2, 0.15] }, k = { wavelength_nm = [450, 650], value = [1.8, 3.5] } }")
+    text = METAL.replace(
+        "{ n = 2.9, k = 3.1 }",
+        "{ n = { wavelength_nm = [450, 650], value = [1.2, 0.15] }, k = { wavelength_nm = [450, 650], value = [1.8, 3.5] } }",
+    )
     light = lamp(70.0, "p", "450, 650")
     portion = traced(text + light, 40_000)
     first = np.cumsum(portion.records_per_ray) - portion.records_per_ray

@@ -117,30 +117,12 @@ def plate(surface: str = "clear", more: str = "") -> str:
 
 
 @pytest.mark.parametrize(
-    ("surface", "key"),
-    [
-        ("coated", "surfaces.coated.coating"),
-        ("measured", "surfaces.measured.coating"),
-        ("silver", "surfaces.silver.metal"),
-        ("rough", "surfaces.rough.kind"),
-        ("hazy", "surfaces.hazy.scatter"),
-        ("sheet", "surfaces.sheet.kind"),
-    ],
+    "surface",
+    ["clear", "half", "ideal", "white", "coated", "measured", "silver", "rough", "hazy", "sheet"],
 )
-def test_polarised_light_refuses_faces_that_part_s_and_p(surface: str, key: str) -> None:
-    """A film of index 2.3 and 70 nm reflects s and p at 45° by 0.440 and 0.166, not alike."""
-    with pytest.raises(SceneError, match=rf"{key}: .*face plate\."):
-        record_polarized(parse_scene(plate(surface)), None, rays=10)
-
-
-@pytest.mark.parametrize("surface", ["clear", "half", "ideal", "white"])
-def test_polarised_light_takes_faces_with_a_law_of_their_own(surface: str) -> None:
+def test_polarised_light_takes_faces_of_every_law(surface: str) -> None:
     unused = plate(surface)
     assert record_polarized(parse_scene(unused), None, rays=200).rays == 200
-
-
-def _polarised(path: Path) -> Any:
-    return record_polarized(parse_scene(plate(more=WEIGHTED)), path, rays=10)
 
 
 def _trees(path: Path) -> Any:
@@ -178,7 +160,7 @@ pixels = [4, 4]
 
 
 @pytest.mark.parametrize(
-    "engine", [_polarised, _trees, _crystals, _crystals_checked, _goniophotometer, _render]
+    "engine", [_trees, _crystals, _crystals_checked, _goniophotometer, _render]
 )
 def test_a_tracer_without_weights_refuses_the_weighted_mode(engine: Any, tmp_path: Path) -> None:
     target = tmp_path / "map.raymap"
@@ -238,7 +220,7 @@ def test_lens_trees_refuse_what_they_do_not_know(
     [
         ('states = "natural"', r"states goes with light = 'polarised'"),
         ("phases = true", r"phases goes with light = 'polarised'"),
-        ('polarisers = { "lens.front" = [0, 1, 0] }', r"polarisers goes with light"),
+        ('polarisers = { "lens.front" = [0, 1, 0] }', r"polarisers are surfaces now"),
         ("min_flux = 1e-3", r"min_flux goes with lens_trees"),
         ('lens_trees = 4\nlight = "polarised"', r"lens_trees start from natural light"),
         ("min_reflection = 0.1", r"min_reflection goes with mode = 'weighted'"),
@@ -262,6 +244,18 @@ def test_the_former_command_says_what_to_write(run: Any) -> None:
     assert code == 1
     assert error.count("\n") == 1
     assert "light = 'polarised'" in error
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        "kind = 'polariser'\nabsorbs = [1, 0, 0]",
+        "kind = 'retarder'\nslow = [1, 0, 0]\nretardance_nm = 100",
+    ],
+)
+def test_sheets_for_polarised_light_are_warned_about_in_natural_light(keys: str) -> None:
+    with pytest.warns(NaturalLight, match=r"surfaces\.film: a \w+ does to natural light"):
+        examine(parse_scene(plate(more=f"[surfaces.film]\n{keys}\n")))
 
 
 def test_a_vibration_that_natural_light_does_not_heed_is_warned_about() -> None:
