@@ -151,7 +151,7 @@ def meet_waves(
         turn_waves(waves, turn, -1.0 + 0j if event & _THROUGH == 0 else 1.0 + 0j, 1.0 + 0j)
         return 1.0, False
     form = a.rows[met.surface, _F]
-    if form == POLARISER or form == RETARDER:
+    if form in (POLARISER, RETARDER):
         return _meet_sheet(a, waves, event, met, turn), False
     if form == STRAIGHT:
         return 1.0, False

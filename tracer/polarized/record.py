@@ -145,7 +145,10 @@ def _warn_of_surfaces(compilation: Compilation) -> None:
     """
     directory = compilation.directory
     stated = laws_of(directory, compilation.channel_set)
+    used = {face.surface for item in directory.objects for face in item.faces}
     for k, surface in enumerate(directory.surfaces):
+        if k not in used:
+            continue
         place = f"{compilation.scene.origin}: surfaces.{surface.name}"
         law = None if stated is None else stated.surfaces[k]
         if law is None:

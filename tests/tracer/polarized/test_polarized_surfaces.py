@@ -491,7 +491,8 @@ def test_rays_of_mixed_colour_go_on_in_one_channel() -> None:
     """A metal whose index depends on the wavelength: each channel by its own amplitudes."""
     text = METAL.replace(
         "{ n = 2.9, k = 3.1 }",
-        "{ n = { wavelength_nm = [450, 650], value = [1.2, 0.15] }, k = { wavelength_nm = [450, 650], value = [1.8, 3.5] } }",
+        "{ n = { wavelength_nm = [450, 650], value = [1.2, 0.15] }, "
+        "k = { wavelength_nm = [450, 650], value = [1.8, 3.5] } }",
     )
     light = lamp(70.0, "p", "450, 650")
     portion = traced(text + light, 40_000)
