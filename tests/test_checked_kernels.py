@@ -52,6 +52,21 @@ _KERNELS = {
         "Law",
         {"microfacet_losses.conductor_table", "microfacet_losses.dielectric_table"},
     ),
+    "amplitudes._amplitudes": (
+        "Law",
+        {
+            "amplitudes._absorbed",
+            "amplitudes._lost_facet",
+            "amplitudes._meet_facets",
+            "amplitudes.meet_waves",
+        },
+    ),
+    "amplitudes._lost_facet": ("Law", {"amplitudes._meet_facets"}),
+    "amplitudes._meet_facets": ("Law", {"amplitudes.meet_waves"}),
+    "amplitudes._meet_sheet": ("Law", {"amplitudes.meet_waves"}),
+    "amplitudes._scattered": ("Law", {"amplitudes.meet_waves"}),
+    "stacks._fill_shares": ("Law", {"stacks.stack_shares"}),
+    "stacks.stack_amplitudes": ("Law", {"amplitudes._amplitudes", "stacks._fill_shares"}),
     "phase.eval_phase": (
         "Law",
         {

@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from raymap.jit.kernels import inner_kernel
+from raymap.jit.kernels import inline_kernel, inner_kernel
 from raymap.jit.types import F64, I64
 from raymap.laws.jones import (
     BARE,
@@ -130,7 +130,7 @@ def amplitudes_of_laws(laws: Sequence[Law | None], channels: InChannels) -> Ampl
     return Amplitudes(rows, roughness, np.concatenate(pool) if pool else np.zeros(0))
 
 
-@inner_kernel
+@inline_kernel
 def meet_waves(
     a: Amplitudes, waves: F64, event: int, met: Met, turn: Turn, u: float, v: float
 ) -> tuple[float, bool]:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.jit.kernels import inner_kernel
+from raymap.jit.kernels import inline_kernel, inner_kernel
 from raymap.jit.types import F64
 from raymap.optics.frames import s_vector
 
@@ -33,7 +33,7 @@ __all__ = [
 _PARALLEL = 1e-4
 
 
-@inner_kernel
+@inline_kernel
 def stokes_axis(dx: float, dy: float, dz: float) -> tuple[float, float, float]:
     """The axis x of stored Stokes vectors."""
     if dy * dy + dz * dz > 2.0 * _PARALLEL:
@@ -59,6 +59,15 @@ def start_waves(waves: F64, dx: float, dy: float, dz: float, natural: bool, azim
         waves[0, 0], waves[0, 1], waves[0, 2] = c * x + s * u, c * y + s * v, c * z + s * w
 
 
+@inline_kernel
+def _wave_count(waves: F64) -> int:
+    """1 where the second field is nothing, as in linear states."""
+    for i in range(6):
+        if waves[1, i] != 0.0:
+            return 2
+    return 1
+
+
 @inner_kernel
 def project_waves(waves: F64, dx: float, dy: float, dz: float) -> float:
     """Keep the parts of the fields across a direction; the power that is left."""
@@ -74,11 +83,11 @@ def project_waves(waves: F64, dx: float, dy: float, dz: float) -> float:
     return power
 
 
-@inner_kernel
+@inline_kernel
 def normalise_waves(waves: F64, power: float) -> None:
     if power > 0.0:
         scale = 1.0 / math.sqrt(power)
-        for k in range(2):
+        for k in range(_wave_count(waves)):
             for i in range(6):
                 waves[k, i] *= scale
 
@@ -98,7 +107,7 @@ class Turn(NamedTuple):
     nz: float
 
 
-@inner_kernel
+@inline_kernel
 def turn_waves(waves: F64, turn: Turn, a_s: complex, a_p: complex) -> float:
     """Carry the fields to a new direction, s and p with an amplitude each; their power then.
 
@@ -109,22 +118,22 @@ def turn_waves(waves: F64, turn: Turn, a_s: complex, a_p: complex) -> float:
     sx, sy, sz = s_vector(dx, dy, dz, nx, ny, nz)
     px, py, pz = dy * sz - dz * sy, dz * sx - dx * sz, dx * sy - dy * sx
     qx, qy, qz = oy * sz - oz * sy, oz * sx - ox * sz, ox * sy - oy * sx
+    real = a_s.imag == 0.0 and a_p.imag == 0.0
     power = 0.0
-    for k in range(2):
-        s = complex(
-            waves[k, 0] * sx + waves[k, 1] * sy + waves[k, 2] * sz,
-            waves[k, 3] * sx + waves[k, 4] * sy + waves[k, 5] * sz,
-        )
-        p = complex(
-            waves[k, 0] * px + waves[k, 1] * py + waves[k, 2] * pz,
-            waves[k, 3] * px + waves[k, 4] * py + waves[k, 5] * pz,
-        )
-        s, p = a_s * s, a_p * p
-        waves[k, 0], waves[k, 3] = s.real * sx + p.real * qx, s.imag * sx + p.imag * qx
-        waves[k, 1], waves[k, 4] = s.real * sy + p.real * qy, s.imag * sy + p.imag * qy
-        waves[k, 2], waves[k, 5] = s.real * sz + p.real * qz, s.imag * sz + p.imag * qz
-        for i in range(6):
-            power += waves[k, i] * waves[k, i]
+    for k in range(_wave_count(waves)):
+        s = waves[k, 0] * sx + waves[k, 1] * sy + waves[k, 2] * sz
+        p = waves[k, 0] * px + waves[k, 1] * py + waves[k, 2] * pz
+        t = waves[k, 3] * sx + waves[k, 4] * sy + waves[k, 5] * sz
+        q = waves[k, 3] * px + waves[k, 4] * py + waves[k, 5] * pz
+        if real:
+            s, t, p, q = a_s.real * s, a_s.real * t, a_p.real * p, a_p.real * q
+        else:
+            s, t = a_s.real * s - a_s.imag * t, a_s.real * t + a_s.imag * s
+            p, q = a_p.real * p - a_p.imag * q, a_p.real * q + a_p.imag * p
+        waves[k, 0], waves[k, 3] = s * sx + p * qx, t * sx + q * qx
+        waves[k, 1], waves[k, 4] = s * sy + p * qy, t * sy + q * qy
+        waves[k, 2], waves[k, 5] = s * sz + p * qz, t * sz + q * qz
+        power += s * s + t * t + p * p + q * q
     return power
 
 
@@ -190,7 +199,7 @@ def retard_waves(
         waves[k, 5] += imaginary * uz
 
 
-@inner_kernel
+@inline_kernel
 def store_state(
     waves: F64, dx: float, dy: float, dz: float, record: int, stokes: NDArray[np.float32],
     phase: NDArray[np.float32],
@@ -199,7 +208,7 @@ def store_state(
     x, y, z = stokes_axis(dx, dy, dz)
     u, v, w = dy * z - dz * y, dz * x - dx * z, dx * y - dy * x
     s1, s2, s3 = 0.0, 0.0, 0.0
-    for k in range(2):
+    for k in range(_wave_count(waves)):
         a, b = (
             waves[k, 0] * x + waves[k, 1] * y + waves[k, 2] * z,
             waves[k, 3] * x + waves[k, 4] * y + waves[k, 5] * z,

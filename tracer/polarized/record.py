@@ -199,15 +199,15 @@ class PolarizedWavefront:
 
     def trace_counted(self, first_ray: int, n_rays: int) -> tuple[Portion, int]:
         """As `trace`, with the number of its records."""
-        portion = self.trace(first_ray, n_rays)
+        portion = self.trace(first_ray, n_rays, reuse=True)
         return portion, portion.n_records
 
     def trace(self, first_ray: int, n_rays: int, *, reuse: bool = False) -> Portion:
         """Trace the rays ``first_ray`` to ``first_ray + n_rays`` with their polarisation.
 
-        ``reuse`` changes nothing.
+        With ``reuse`` columns are views of this thread's buffers, valid until its next call.
         """
-        portion = self.engine.trace(first_ray, n_rays)
+        portion = self.engine.trace(first_ray, n_rays, reuse=reuse)
         n = portion.n_records
         phases = self.polarization.phases
         out = PolarizedColumns(
@@ -220,7 +220,7 @@ class PolarizedWavefront:
         rays = RayColumns(
             source=portion.source,
             records_per_ray=portion.records_per_ray,
-            exact=np.ascontiguousarray(portion.extra["exact"], np.float64),
+            exact=np.asarray(portion.extra["exact"], np.float64),
             normal=portion.normal,
             object=portion.object,
             triangle=portion.triangle,
@@ -243,7 +243,7 @@ class PolarizedWavefront:
         }
         if phases:
             extra["phase"] = out.phase
-        return replace(portion, weight=weight.astype(np.float32), extra=extra)
+        return replace(portion, weight=weight.astype(np.float32), extra=extra, implied_normals=True)
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.jit.kernels import inner_kernel, lean_kernel
+from raymap.jit.kernels import inline_kernel, inner_kernel, lean_kernel
 from raymap.jit.types import F64, I64
 from raymap.laws.amplitudes import Amplitudes, Met, meet_waves
 from raymap.laws.phase import RAYLEIGH
@@ -103,7 +103,7 @@ class PolarizedColumns(NamedTuple):
     waves: F64
 
 
-@inner_kernel
+@inline_kernel
 def _crossed(
     scene: CompiledScene, nest: int, face: int, cosine: float, x: float, y: float, z: float
 ) -> int:
@@ -115,7 +115,7 @@ def _crossed(
     return beyond
 
 
-@inner_kernel
+@inline_kernel
 def _beyond(
     scene: CompiledScene, nest: int, face: int, cosine: float, medium: int, x: float, y: float,
     z: float,
@@ -147,7 +147,7 @@ def polarize_rays(
         a += n
 
 
-@inner_kernel
+@inline_kernel
 def _walk(
     scene: CompiledScene, rays: RayColumns, faces: FacesByNumber, out: PolarizedColumns, a: int,
     n: int, seed: int, ray_id: int, ray: int, natural: bool,
@@ -228,7 +228,7 @@ def _walk(
     out.weight[ray] = weight
 
 
-@inner_kernel
+@inline_kernel
 def _face_of(faces: FacesByNumber, rays: RayColumns, k: int) -> int:
     """Row of ``face_i`` of the face met at a record, -1 for none."""
     obj = rays.object[k]
@@ -238,7 +238,7 @@ def _face_of(faces: FacesByNumber, rays: RayColumns, k: int) -> int:
     return faces.face[row] if row < faces.first[obj + 1] else -1
 
 
-@inner_kernel
+@inline_kernel
 def _normal_at(
     scene: CompiledScene, rays: RayColumns, face: int, k: int, x: float, y: float, z: float
 ) -> tuple[float, float, float]:
@@ -285,7 +285,7 @@ class _Bend(NamedTuple):
     oz: float
 
 
-@inner_kernel
+@inline_kernel
 def _meet(
     scene: CompiledScene, rays: RayColumns, faces: FacesByNumber, waves: F64, k: int, nest: int,
     bend: _Bend, u: float, v: float,

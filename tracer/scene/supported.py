@@ -108,6 +108,8 @@ def warn_of_polarised_light(compilation: Compilation) -> None:
     NaturalLight
     """
     scene = compilation.scene
+    if scene.trace.light != "natural":
+        return
     for name, source in scene.sources.items():
         if source.on and source.polarisation is not None:
             warnings.warn(
