@@ -147,15 +147,5 @@ _BY_CHANNEL = (
     "n",
     "k",
     "scattering",
-_BY_CHANNEL = (
-    "reflectance",
-    "transmittance",
-    "reflectance_s",
-    "transmittance_s",
-    "retardance_nm",
-    "n",
-    "k",
-    "scattering",
     "group_index",
-)
 )
