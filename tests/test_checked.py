@@ -22,6 +22,8 @@ _MADE_IN = {
         "raymap/file/footer.py": ["read_merged"],
         # From what a tracer handed in, and from dictionaries that were checked
         "raymap/encoding/dictionary.py": ["with_sums"],
+        # A checked one, its paths told apart by what they meet besides
+        "raymap/passes/placed.py": ["_refined"],
         # The first path of a checked one, to load compiled loops with
         "query/answers/selections/warm.py": ["_first_path"],
     },

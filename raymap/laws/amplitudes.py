@@ -120,9 +120,8 @@ def amplitudes_of_laws(laws: Sequence[Law | None], channels: InChannels) -> Ampl
         rows[place, _F] = row.form
         rows[place, _FIRST], rows[place, _STEP] = add(row.numbers), row.numbers.shape[-1]
         if row.scatter is not None:
-            tables = row.scatter.tables(channels.wavelengths_nm)
-            rows[place, _SCATTER] = add(tables)
-            rows[place, _SCATTER_STEP] = tables.shape[1] if len(tables) > 1 else 0
+            rows[place, _SCATTER] = add(row.scatter)
+            rows[place, _SCATTER_STEP] = row.scatter.shape[1] if len(row.scatter) > 1 else 0
         if row.roughness > 0.0:
             facets = dielectric_table if row.form == BARE else conductor_table
             rows[place, _FACETS] = add(facets(row.roughness))

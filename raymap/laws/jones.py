@@ -11,8 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.laws.radial import RadialScatter
-
 __all__ = [
     "BARE",
     "DEPOLARISES",
@@ -66,10 +64,11 @@ class JonesRow:
     form : one of the above
     numbers : (n_channels, m)
     roughness : of facets that have the form (GGX), 0 where the surface is smooth
-    scatter : law about the specular light, which leaves it unpolarised
+    scatter : tables of a law about the specular light (`raymap.laws.radial`), one or one per
+        channel; what it scatters leaves unpolarised
     """
 
     form: int
     numbers: F64
     roughness: float = 0.0
-    scatter: RadialScatter | None = None
+    scatter: F64 | None = None

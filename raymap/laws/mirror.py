@@ -16,7 +16,7 @@ from raymap.laws.microfacet_losses import (
     conductor_table,
     multiple_reflectance,
 )
-from raymap.laws.radial import RadialScatter
+from raymap.laws.radial import RadialScatter, scatter_tables
 from raymap.optics.fresnel import fresnel_conductor
 
 __all__ = ["MirrorLaw", "metal_shares"]
@@ -71,7 +71,7 @@ class MirrorLaw(Law):
             form=EVEN_MIRROR if self.reflectance else METAL,
             numbers=numbers,
             roughness=self.roughness,
-            scatter=self.scatter,
+            scatter=scatter_tables(self.scatter, channels.wavelengths_nm),
         )
 
 

@@ -41,6 +41,7 @@ __all__ = [
     "harvey_shack",
     "radial_table",
     "scatter_share",
+    "scatter_tables",
     "tabulated_radial",
 ]
 
@@ -95,6 +96,11 @@ class RadialScatter(Part):
         if self.reference_nm <= 0.0 or self.rho:
             return radial_table(self.bsdf(0.0), name=name)[None]
         return np.stack([radial_table(self.bsdf(float(nm)), name=name) for nm in wavelengths])
+
+
+def scatter_tables(scatter: RadialScatter | None, wavelengths_nm: ArrayLike) -> F64 | None:
+    """Tables of the scatter of a law, if it has any."""
+    return None if scatter is None else scatter.tables(wavelengths_nm)
 
 
 @lean_kernel

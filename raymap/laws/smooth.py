@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from raymap.laws.jones import BARE, JonesRow
 from raymap.laws.law import InChannels, Law, Shares
-from raymap.laws.radial import RadialScatter
+from raymap.laws.radial import RadialScatter, scatter_tables
 from raymap.optics.fresnel import reflectance_column
 
 __all__ = ["AbsorberLaw", "FresnelLaw"]
@@ -33,7 +33,10 @@ class FresnelLaw(Law):
         n = len(channels.wavelengths_nm)
         roughness: float = getattr(self, "roughness", 0.0)
         return JonesRow(
-            form=BARE, numbers=np.zeros((n, 0)), roughness=roughness, scatter=self.scatter
+            form=BARE,
+            numbers=np.zeros((n, 0)),
+            roughness=roughness,
+            scatter=scatter_tables(self.scatter, channels.wavelengths_nm),
         )
 
 

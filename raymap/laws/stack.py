@@ -12,7 +12,7 @@ from pydantic import FailFast, Field
 
 from raymap.laws.jones import LAYERS, JonesRow
 from raymap.laws.law import InChannels, Law, Part, Shares
-from raymap.laws.radial import RadialScatter
+from raymap.laws.radial import RadialScatter, scatter_tables
 from raymap.laws.table import COATING_ANGLES, COATING_SIZE, shares_of_tables
 from raymap.model.errors import SceneError
 from raymap.optics.stacks import Layer, layer_numbers, stack_shares
@@ -73,7 +73,11 @@ class StackLaw(Law):
             ]
             rows.append([float(len(layers)), *flat])
         numbers = np.hstack([self.tables(channels), np.array(rows)])
-        return JonesRow(form=LAYERS, numbers=numbers, scatter=self.scatter)
+        return JonesRow(
+            form=LAYERS,
+            numbers=numbers,
+            scatter=scatter_tables(self.scatter, channels.wavelengths_nm),
+        )
 
 
 def layer_coating(

@@ -18,7 +18,7 @@ from pydantic import FailFast, model_validator
 from raymap.jit.kernels import inner_kernel, lean_kernel
 from raymap.laws.jones import EVEN, TABLES, JonesRow
 from raymap.laws.law import ByChannel, InChannels, Law, Shares
-from raymap.laws.radial import RadialScatter
+from raymap.laws.radial import RadialScatter, scatter_tables
 from raymap.model.errors import SceneError
 from raymap.optics.fresnel import cos2_refracted
 
@@ -93,10 +93,18 @@ class TableLaw(Law):
     def jones(self, channels: InChannels) -> JonesRow | None:
         tables = self.tables()
         if not self.reflectance_s:
-            return JonesRow(form=EVEN, numbers=tables, scatter=self.scatter)
+            return JonesRow(
+                form=EVEN,
+                numbers=tables,
+                scatter=scatter_tables(self.scatter, channels.wavelengths_nm),
+            )
         s = tables_over_angle(self.angle_deg, self.reflectance_s, self.transmittance_s)
         numbers = np.hstack([tables, s, np.maximum(0.0, 2.0 * tables - s)])
-        return JonesRow(form=TABLES, numbers=numbers, scatter=self.scatter)
+        return JonesRow(
+            form=TABLES,
+            numbers=numbers,
+            scatter=scatter_tables(self.scatter, channels.wavelengths_nm),
+        )
 
 
 def shares_of_tables(tables: F64, n_i: F64, n_o: F64, cos_i: F64) -> Shares:
