@@ -42,3 +42,40 @@ def second_reader() -> list[Row]:
     ]
     ended_otherwise = abs(matched - ended)
     return [*rows, Row(expected=0, got=ended_otherwise, tolerance=0, of="rays on the sensor")]
+
+
+@check(
+    what="Scene of 19 × 19 discs and of 10,000 boxes, recorded and read back: bodies of the map",
+    source="The counts that the scene states; a directory of at most 3 MB",
+)
+def many_bodies() -> list[Row]:
+    rows = []
+    for of, count, body in (
+        ("discs", (19, 19), 'kind = "disc"\nouter = 1\nsurface = "k"'),
+        ("boxes", (100, 100), 'kind = "box"\nsize = [1, 1, 1]\nsurface = "k"'),
+    ):
+        with tempfile.TemporaryDirectory() as folder:
+            scene = Path(folder) / "scene.toml"
+            scene.write_text(
+                f"""
+length_unit = "mm"
+[surfaces.k]
+kind = "absorber"
+[bodies.b]
+{body}
+copies = {{ count = {list(count)}, step = [[5, 0, 0], [0, 5, 0]] }}
+[sources.s]
+kind = "collimated"
+position = [0, 0, -50]
+direction = [0, 0, 1]
+diameter = 100
+""",
+                encoding="utf-8",
+            )
+            path = Path(folder) / "many.raymap"
+            record(load_scene(scene), path, rays=100, threads=1)
+            assert path.stat().st_size < 3_000_000
+            with raymap.open(path) as ray_map:
+                got = len(ray_map.directory.objects)
+        rows.append(Row(expected=count[0] * count[1], got=got, tolerance=0, of=of))
+    return rows

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import tempfile
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 import query
 import raymap
 from raymap.optics.cells import cell_measure
-from tests.tracer.importers.lens_texts import opened, zemax
+from tests.tracer.importers.lens_texts import codev, opened, zemax
 from tests.tracer.lens.lenses import N_D, biconvex, parallel_ray
 from tests.tracer.transport.test_peers_lens import GLASSES, RADII, THICKNESSES
 from tests.validation import Row, check
@@ -22,6 +23,7 @@ from tracer.run.recording import record
 from tracer.scene.load import load_scene
 from tracer.sources.elliptical import EllipticalSource, emit
 from tracer.studies.lens import first_order
+from tracer.transport.trace import trace_rays
 
 SAMPLES = Path(__file__).parents[2] / "samples"
 
@@ -236,3 +238,89 @@ def areas_of_a_cap() -> list[Row]:
         got = measure.sizes.total()
         rows.append(Row(expected=area, got=got, tolerance=0.1, unit="mm²", of=f"{cells[0]}² cells"))
     return rows
+
+
+@check(
+    what="A lens file of seawater, R = ±50 mm, 5 mm (`GCAT MISC`, `GLAS SEAWATER`): f, d line",
+    source="Lens maker's equation, n by Quan & Fry, Appl. Opt. 34, 3477 (1995), 35 ‰ and 20 °C",
+)
+def lens_file_of_seawater() -> Row:
+    s, t, nm = 35.0, 20.0, 587.5618
+    n = (
+        1.31405
+        + (1.779e-4 - 1.05e-6 * t + 1.6e-8 * t * t) * s
+        - 2.02e-6 * t * t
+        + (15.868 + 0.01155 * s - 0.00423 * t) / nm
+        - 4382.0 / nm**2
+        + 1.1455e6 / nm**3
+    )
+    # Indices of Quan & Fry are relative to air, as a catalogue's are
+    f = 1.0 / ((n - 1.0) * (2.0 / 50.0 - (n - 1.0) * 5.0 / (n * 2500.0)))
+    text = zemax(
+        "STOP;CURV 0.02;DISZ 5;GLAS SEAWATER 0 0 1.5 40;DIAM 10 0",
+        "CURV -0.02;DISZ 47;DIAM 10 0",
+        "CURV 0;DISZ 0",
+        head="GCAT MISC",
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        got = opened(Path(folder), text)[0].design()["efl"]
+    return Row(expected=f, got=got, tolerance=1e-6, unit="mm")
+
+
+@check(
+    what="Spherical mirror, R = 200 mm, stop of 60 mm at its centre, image of R = 100 mm in a lens "
+    "file: rms radius at 5°",
+    source="Reflection 200 mm from the centre and section with 100 mm about it, by vectors",
+)
+def curved_image() -> Row:
+    text = zemax(
+        "STOP;DISZ 200;DIAM 30 0",
+        "CURV -0.005;DISZ -100;GLAS MIRROR;DIAM 50 0",
+        "CURV -0.01;DISZ 0;DIAM 9 0",
+        epd=60,
+        head="FTYP 0 0 2 1\nXFLN 0 0\nYFLN 0 5",
+    )
+    u, v = np.array(_halton(4000)).T
+    p = np.column_stack([np.cos(math.tau * v), np.sin(math.tau * v), 0.0 * v])
+    p *= 30.0 * np.sqrt(u)[:, None]
+    d = np.array([0.0, math.sin(math.radians(5.0)), math.cos(math.radians(5.0))])
+    met = p + (np.sqrt(200.0**2 - np.sum(p * p, axis=1) + (p @ d) ** 2) - p @ d)[:, None] * d
+    away = d - 2.0 * (met @ d)[:, None] * met / 200.0**2
+    along = np.sum(met * away, axis=1)
+    expected = met - (along + np.sqrt(along**2 - 200.0**2 + 100.0**2))[:, None] * away
+    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the image lies in the light on its way to the mirror
+        (Path(folder) / "lens.zmx").write_text(text, encoding="utf-8")
+        scene = load_scene(Path(folder) / "lens.zmx")
+    traced = trace_rays(scene, p - d, np.tile(d, (len(p), 1)), wavelength_nm=587.5618)
+    mirror, image = (traced.object_names.index(name) for name in ("M1", "image_surface"))
+    at = np.flatnonzero((traced.object[1:] == image) & (traced.object[:-1] == mirror)) + 1
+    right, got = (
+        float(np.sqrt(np.mean(np.sum((spot - spot.mean(axis=0)) ** 2, axis=1))))
+        for spot in (expected, traced.points[at])
+    )
+    return Row(expected=right, got=got, tolerance=1e-9, unit="mm")
+
+
+@check(
+    what="Commands of CODE V that name surfaces after `SI`",
+    source="1/f = (n − 1)(1/R1 − 1/R2 + (n − 1)d/(n R1 R2)) with R2, thicknesses as commanded; "
+    "a mirror: f = −R/2",
+)
+def commands_after_the_image() -> list[Row]:
+    n = 1.516800035
+    commanded = codev("S 50 5 NBK7_SCHOTT\nSTO\nS -50 46\nSI 0 0\nTHI S2 30\nRDY S2 -80\nTHI S1 7")
+    commanded = commanded.replace("WL 587.6", "WL 587.5618")
+    mirror = codev("S -200 -100\n RMD REFL\n STO\nSI 0 0")
+    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the image lies in the light on its way to the mirror
+        lens, _ = opened(Path(folder), commanded, ".seq")
+        found = lens.design()["efl"]
+        at = float(lens.scene_tables()["detectors"]["image"]["position"][2])
+        reflected = opened(Path(folder), mirror, ".seq")[0].design()["efl"]
+    f = 1.0 / ((n - 1.0) * (1.0 / 50.0 + 1.0 / 80.0 - (n - 1.0) * 7.0 / (n * 4000.0)))
+    return [
+        Row(expected=f, got=found, tolerance=1e-4, unit="mm", of="f, `RDY S2` and `THI S1`"),
+        Row(expected=37.0, got=at, tolerance=1e-9, unit="mm", of="place of the image, `THI S2`"),
+        Row(expected=100.0, got=reflected, tolerance=1e-9, unit="mm", of="f, `RMD REFL`"),
+    ]

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import csv
 import tempfile
 import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from typer.testing import CliRunner
 
 import query
 import raymap
+from raymap.cli import application
 from raymap.optics import colorimetry
 from tests.validation import Row, check
 from tracer import record
@@ -224,3 +227,36 @@ def transfer_function() -> list[Row]:
         )
         for value, code in table.items()
     ]
+
+
+@check(
+    what="`raymap image --kind illuminance -o x.csv` of a map in W, 100 lm of which 450 nm is "
+    "filtered out, on 1 m²",
+    source="V(550) / (V(450) + V(550)) of CIE 018:2019 × 100 lx",
+)
+def kind_of_a_table() -> Row:
+    with tempfile.TemporaryDirectory() as folder:
+        scene = Path(folder) / "scene.toml"
+        sheet = (
+            'kind = "filter"\nindex = 1.5\n'
+            "transmittance = { wavelength_nm = [400, 500, 501, 700], value = [0, 0, 1, 1] }"
+        )
+        scene.write_text(
+            SHEET.format(
+                unit="W",
+                channels='kind = "spectral"\nwavelengths_nm = [450, 550]',
+                surface=sheet,
+                spectrum="lines = { wavelength_nm = [450, 550], power = [1, 1] }",
+                detector=BEHIND,
+            ),
+            encoding="utf-8",
+        )
+        record(scene, scene.with_suffix(".raymap"), rays=100_000, threads=1)
+        table = Path(folder) / "x.csv"
+        command = ["image", str(scene.with_suffix(".raymap")), "d", "-o", str(table)]
+        result = CliRunner().invoke(application(), [*command, "--kind", "illuminance"])
+        assert result.exit_code == 0, result.output
+        with table.open(encoding="utf-8") as lines:
+            (read,) = csv.DictReader(lines)
+    found = float(read["illuminance [lx]"]), float(read["illuminance_se [lx]"])
+    return _row(100.0 * 0.99495010 / (0.038 + 0.99495010), found, unit="lx")

@@ -18,7 +18,7 @@ from raymap import rayfiles
 from raymap.rayfiles import RaySet
 from tests.validation import Row, check
 from tracer.light import Opening
-from tracer.photometry import lm63
+from tracer.photometry import eulumdat, lm63
 
 
 @check(
@@ -243,3 +243,49 @@ position = [0, 0, 50]
         bodies = trimesh.load_scene(place / "v.glb").geometry.values()
         got = sum(float(body.volume) for body in bodies if hasattr(body, "faces"))
     return Row(expected=1000.0 - 36.0 * math.pi, got=got, tolerance=0.01 * 36 * math.pi, unit="mm³")
+
+
+@check(
+    what="Flux of a cosine lamp in EULUMDAT, steps of 5°, with a byte 0x85 in its name: encoding",
+    source="π I0 with I0 = 1,000/π cd/klm and lamps of 1,000 lm; 0x85 ends no line of a file",
+)
+def text_of_eulumdat() -> list[Row]:
+    gamma = np.arange(0.0, 91.0, 5.0)
+    candela = 1000.0 / math.pi * np.cos(np.radians(gamma))
+    numbers = [f"{value:.6f}" for value in abs(candela)]
+    rows = []
+    # 0x85 is the ellipsis of Windows-1252 and part of letters of UTF-8
+    for of, name in (("UTF-8", "Ścienna oprawa ąę".encode()), ("Windows-1252", b"wall \x85 lamp")):
+        head = ["maker", "1", "1", "1", "0", str(len(gamma)), "5", "report"]
+        lines = [*head, "NAME", "number", "file", "date", *["0"] * 9, "100", "100", "1", "0"]
+        lines += ["1", "1", "lamp", "1000", "white", "80", "10", *["0.5"] * 10, "0"]
+        lines += [f"{angle:g}" for angle in gamma] + numbers
+        raw = "\r\n".join(lines).encode().replace(b"NAME", name)
+        assert b"\x85" in raw
+        with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            path = Path(folder) / "lamp.ldt"
+            path.write_bytes(raw)
+            got = float(eulumdat.read(path).flux)
+        # Linear between steps of 5°: a chord of the cosine misses up to (5°)²/8
+        rows.append(Row(expected=1000.0, got=got, tolerance=2.0, unit="lm", of=of))
+    return rows
+
+
+@check(
+    what="Part of a STEP file with supplementary curves: volume of the body called like its "
+    "product",
+    source="A box of 10 mm, written by OpenCASCADE; PRODUCT names it",
+    packages=("cadquery-ocp-novtk",),
+)
+def step_names() -> list[Row]:
+    from tests.tracer.importers.test_step import part_file
+    from tracer.importers import read_cad
+
+    rows = []
+    for name in ("LIGHTGUIDE", "4711"):
+        with tempfile.TemporaryDirectory() as folder:
+            path = part_file(Path(folder) / "part.step", name, curves=True, solid="12")
+            volumes = {part.name: part.volume for part in read_cad(path)}
+        rows.append(Row(expected=1e3, got=volumes[name], tolerance=1e-6, unit="mm³", of=name))
+    return rows

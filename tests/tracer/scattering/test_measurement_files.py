@@ -153,6 +153,21 @@ def test_bsdf_xml_file(tmp_path: Path) -> None:
             read_bsdf_xml(path, 2.05, error=0.1)
 
 
+def test_a_table_in_place_of_the_measurement_file_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "pane.xml"
+    for text, said in ((klems(np.zeros((3, 3))), "a BSDF in XML"), ("<a/>", "a file in XML")):
+        for begin in ("", "\ufeff", "\n "):
+            path.write_text(begin + text, encoding="utf-8")
+            with pytest.raises(MeasurementError, match=rf"pane.xml: is {said}.*measurement file"):
+                load_measurement(path)
+    (tmp_path / "flux.csv").write_text("wavelength_nm,incidence_deg,R,T\n550,0,0.1,0.8\n")
+    with pytest.raises(MeasurementError, match=r"flux.csv: is a table of measured values"):
+        load_measurement(tmp_path / "flux.csv")
+    (tmp_path / "opal.dat").write_text("WAVELENGTH 550\nVARS theta,bsdf\n0,1\n")
+    with pytest.raises(MeasurementError, match=r"opal.dat: is a table of scattering \(ASTM"):
+        load_measurement(tmp_path / "opal.dat")
+
+
 def klems(value: np.ndarray, *, side: str = "Reflection Front", name: str = "Visible",
           structure: str = "Columns") -> str:  # fmt: skip
     """Two rings: the normal, and 40 degrees at azimuths 0 and 180."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -88,6 +89,13 @@ def load_measurement(path: Path | str) -> tuple[MaterialMeasurement, FitSettings
     where = Path(path)
     try:
         text = given_text(where, "measurement file", MeasurementError)
+        if (kind := _kind_of_table(where, text)) is not None:
+            raise MeasurementError(
+                f"{where.name}: is {kind}, which says neither index nor thickness; write a "
+                f"measurement file (.toml) that names it: name, index, and [[plate]] with "
+                f"thickness, flux = a CSV of R and T, scatter = [{{ file = '{where.name}' }}]; "
+                "fit-scattering takes that file"
+            )
         data = _DataFile.model_validate(toml_tables(text, where.name, MeasurementError))
     except ValidationError as error:
         first = error.errors()[0]
@@ -137,6 +145,19 @@ def load_measurement(path: Path | str) -> tuple[MaterialMeasurement, FitSettings
         energy_tolerance=data.energy_tolerance,
     )
     return material, data.fit
+
+
+def _kind_of_table(path: Path, text: str) -> str | None:
+    """What a table is that a measurement file names, and that was given in its place."""
+    begins = text.lstrip("\ufeff \t\r\n")
+    if begins.startswith("<"):
+        klems = "<WindowElement" in text[:100_000]
+        return "a BSDF in XML (WindowElement, as of Klems)" if klems else "a file in XML"
+    if path.suffix.lower() == ".csv":
+        return "a table of measured values (CSV)"
+    if re.search(r"(?m)^VARS[ \t]", text):
+        return "a table of scattering (ASTM E1392)"
+    return None
 
 
 def _read_scatter(
