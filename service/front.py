@@ -29,8 +29,11 @@ __all__ = ["Front", "Refused", "Sieve", "Streams", "is_possible"]
 
 _PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n"
 _HEADER, _MESSAGE, _GOODBYE = 9, 5, 8
-_DATA, _HEADERS, _RESET, _SETTINGS, _GOAWAY = 0, 1, 3, 4, 7
-_END_STREAM, _ACK, _PADDED = 1, 1, 8
+_DATA, _HEADERS, _RESET, _SETTINGS, _GOAWAY, _CONTINUATION = 0, 1, 3, 4, 7, 9
+_END_STREAM, _ACK, _END_HEADERS, _PADDED = 1, 1, 4, 8
+_MOST_HEADERS = 2**16
+"""Bytes of the headers of a request, their frames included; gRPC takes a quarter of it."""
+
 _MAX_CONCURRENT_STREAMS = 3
 _ENHANCE_YOUR_CALM = 11
 _CHUNK = 2**17
@@ -56,12 +59,15 @@ class Streams:
     opened : which sides have ended each of them
     owed : since when the client owes the end of a message, or of the stream [s]
     asked : whether any request ever came to its end
+    given_up : requests that the client gave up lately
     """
 
     most: int
     opened: dict[int, set[str]] = field(default_factory=dict)
     owed: dict[int, float] = field(default_factory=dict)
     asked: bool = False
+    given_up: float = 0.0
+    _looked: float = field(default_factory=time.monotonic)
 
     def open(self, stream: int) -> None:
         """The client opens a stream.
@@ -102,6 +108,24 @@ class Streams:
             if len(ended) == 2:
                 self.reset(stream)
 
+    def give_up(self, stream: int) -> None:
+        """The client gives up what it asked, which the server has begun to work at.
+
+        Twice as many as it may ask at a time pass at once, and then as many in each second.
+
+        Raises
+        ------
+        Refused
+            It begins and gives up so fast that this is all that the server would do.
+        """
+        if stream in self.opened:
+            now = time.monotonic()
+            self.given_up = max(0.0, self.given_up - self.most * (now - self._looked)) + 1.0
+            self._looked = now
+            if self.given_up > 2 * self.most:
+                raise Refused("too many requests are begun and given up")
+        self.reset(stream)
+
     def reset(self, stream: int) -> None:
         """A side has given a stream up."""
         self.opened.pop(stream, None)
@@ -130,6 +154,7 @@ class Sieve:
         self._frames = Frames()
         self._prefaces = len(_PREFACE)
         self._goodbye = 0
+        self._headers = 0
         self._messages: dict[int, _Message] = {}
 
     def take(self, data: bytes) -> None:
@@ -149,9 +174,11 @@ class Sieve:
         for kind, flags, stream, payload, last in self._frames.take(data):
             if kind == _HEADERS:
                 self.streams.open(stream)
+            if kind in (_HEADERS, _CONTINUATION):
+                self._count_headers(payload, flags, last)
             elif kind == _RESET:
                 self._forget(stream)
-                self.streams.reset(stream)
+                self.streams.give_up(stream)
                 continue
             elif kind == _DATA:
                 self._data(stream, flags, payload)
@@ -165,6 +192,14 @@ class Sieve:
         """The connection is gone."""
         for stream in list(self._messages):
             self._forget(stream)
+
+    def _count_headers(self, payload: bytes, flags: int, last: bool) -> None:
+        """Headers may go on in as many frames as a client likes, empty ones among them."""
+        self._headers += len(payload) + _HEADER * last
+        if self._headers > _MOST_HEADERS:
+            raise Refused(f"headers of more than {_MOST_HEADERS} bytes are not taken")
+        if last and flags & _END_HEADERS:
+            self._headers = 0
 
     def _hear_goodbye(self, payload: bytes, last: bool) -> None:
         """The text of a GOAWAY stands in the server's log: it may not act on a terminal."""

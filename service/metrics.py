@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+import socket
+import sys
 import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
@@ -18,6 +21,7 @@ __all__ = ["Metrics", "MetricsServer"]
 _HOSTS = ("localhost", "127.0.0.1")
 _TEXT = "text/plain; version=0.0.4; charset=utf-8"
 _SOCKET_SECONDS = 10.0
+_MOST_CONNECTIONS = 32
 
 
 class Metrics:
@@ -93,6 +97,39 @@ class Metrics:
         return "\n".join(lines) + "\n"
 
 
+class _Server(ThreadingHTTPServer):
+    """One thread for each connection, and so many of them; the one that came first gives way."""
+
+    daemon_threads = True
+    request_queue_size = _MOST_CONNECTIONS
+
+    def __init__(self, *arguments: Any) -> None:
+        self._open: dict[Any, None] = {}
+        self._lock = threading.Lock()
+        super().__init__(*arguments)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        with self._lock:
+            self._open[request] = None
+            oldest = next(iter(self._open)) if len(self._open) > _MOST_CONNECTIONS else None
+            self._open.pop(oldest, None)
+        if oldest is not None:
+            # Its thread reads an end, and closes it
+            with suppress(OSError):
+                oldest.shutdown(socket.SHUT_RDWR)
+        super().process_request(request, client_address)
+
+    def shutdown_request(self, request: Any) -> None:
+        with self._lock:
+            self._open.pop(request, None)
+        super().shutdown_request(request)
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Nothing of who went away while it was answered; else the usual."""
+        if not isinstance(sys.exc_info()[1], OSError):
+            super().handle_error(request, client_address)
+
+
 class MetricsServer:
     """Answers ``/metrics`` and ``/health`` on this machine's own loop.
 
@@ -145,13 +182,12 @@ class MetricsServer:
                 return "raymap"
 
         try:
-            self._server = ThreadingHTTPServer(("127.0.0.1", port), Handler)
+            self._server = _Server(("127.0.0.1", port), Handler)
         except OSError as error:
             raise RayMapError(
                 f"cannot tell metrics at port {port}: {error.strerror}; choose another with "
                 "--metrics-port"
             ) from None
-        self._server.daemon_threads = True
         self._thread = threading.Thread(
             target=self._server.serve_forever, name="metrics", daemon=True
         )

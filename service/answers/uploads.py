@@ -39,11 +39,12 @@ def take_file(request: Request, folder: ServedFolder, disk: Disk, reader: Any) -
         raise MapExists(f"upload: {name!r} exists and stays as it is; 'force' replaces it")
     beside = target.with_name(f".{target.name}.{secrets.token_hex(4)}")
     try:
-        disk.check("upload")
+        missing = folder.missing(target.parent)
+        disk.check("upload", folders=len(missing))
         # Links that appear meanwhile lead nowhere: all is done in the folder that is held
         with (
             folder.holding(target.parent, make=True) as held,
-            disk.writing(beside, target, keeps=False),
+            disk.writing(beside, target, keeps=False, folders=missing),
         ):
             try:
                 with os.fdopen(held.create(beside.name), "wb") as file:

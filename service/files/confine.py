@@ -12,10 +12,13 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 
 from raymap.model.errors import RayMapError
 
-__all__ = ["HeldFolder", "OutsideFolder", "ServedFolder"]
+__all__ = ["MOST_FOLDERS", "HeldFolder", "OutsideFolder", "ServedFolder"]
 
 _WALKS = os.open in os.supports_dir_fd and hasattr(os, "O_NOFOLLOW")
 """Whether files can be opened from a folder that is held open (not on Windows)."""
+
+MOST_FOLDERS = 16
+"""Folders within each other that are made for one file."""
 
 _NO_LINK = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOFOLLOW", 0)
 _READ = os.O_RDONLY | _NO_LINK
@@ -189,9 +192,16 @@ class ServedFolder:
         ------
         OutsideFolder
             One of the folders has become a link.
+        RayMapError
+            More folders within each other are missing than are made at a time.
         OSError
             It cannot be opened or made.
         """
+        if make and len(self.missing(found)) > MOST_FOLDERS:
+            raise RayMapError(
+                f"more than {MOST_FOLDERS} folders of {self.shown(found)[:100]!r} are missing: put "
+                "the file into fewer of them"
+            )
         if not _WALKS:
             if make:
                 found.mkdir(parents=True, exist_ok=True)
@@ -202,6 +212,16 @@ class ServedFolder:
             yield HeldFolder(found, held)
         finally:
             os.close(held)
+
+    def missing(self, found: Path) -> list[Path]:
+        """A folder inside and those above it, as far as they are missing, the upper ones first."""
+        missing: list[Path] = []
+        place = self.root
+        for part in found.relative_to(self.root).parts:
+            place /= part
+            if missing or not place.exists():
+                missing.append(place)
+        return missing
 
     def _hold(self, found: Path, *, make: bool = False) -> int:
         """A descriptor of a folder inside."""

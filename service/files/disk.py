@@ -12,7 +12,7 @@ import secrets
 import shutil
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -27,7 +27,7 @@ LEDGER = ".raymap-written.json"
 """Which files clients have written, and what was there before."""
 
 _LEAST_FILE = 4096
-"""What a file counts at least, so that empty ones are not free."""
+"""What a file or folder counts at least, so that empty ones are not free."""
 
 _MOST_LEDGER = 2**26
 
@@ -62,17 +62,25 @@ class Disk:
         free = shutil.disk_usage(self.root).free - self.limits.spare_bytes
         return min(self.limits.disk_bytes - used, free)
 
-    def check(self, what: str, more: int = 1) -> None:
+    def check(self, what: str, more: int = 1, *, folders: int = 0) -> None:
         """Refuse to write more than there is room for.
+
+        Parameters
+        ----------
+        what : is to be written
+        more : bytes
+        folders : that are made for it, each of which counts as a file
 
         Raises
         ------
         RayMapError
         """
-        if self.room() < more or self._files() >= self.limits.written_files:
+        more += folders * _LEAST_FILE
+        most = self.limits.written_files - folders
+        if self.room() < more or self._files() >= most:
             with self._lock:
                 self._forget_removed()
-        if self._files() >= self.limits.written_files:
+        if self._files() >= most:
             raise RayMapError(
                 f"{what}: clients have written {self.limits.written_files} files into this folder; "
                 "its owner removes some, or moves them"
@@ -88,7 +96,9 @@ class Disk:
         return len(self._kept) + len(self._written)
 
     @contextmanager
-    def writing(self, written: Path, target: Path, *, keeps: bool) -> Iterator[None]:
+    def writing(
+        self, written: Path, target: Path, *, keeps: bool, folders: Sequence[Path] = ()
+    ) -> Iterator[None]:
         """Count a file while it is written, and from then on.
 
         Parameters
@@ -96,8 +106,10 @@ class Disk:
         written : the file that grows
         target : what it is called when it is whole
         keeps : what stood there before stays, and counts no more than it did
+        folders : that were made for it; they count whatever becomes of the file
         """
         with self._lock:
+            self._kept |= dict.fromkeys(folders, _LEAST_FILE)
             earlier = self._kept.pop(target, 0)
             before = self._before.get(target, _size(target)) if keeps else 0
             entry = (written, before)

@@ -243,6 +243,41 @@ def many_requests(server: Server, tries: int) -> tuple[int, int]:
     return tries, survived
 
 
+def given_up_requests(server: Server, tries: int) -> tuple[int, int]:
+    """Requests without token that are given up at once, so that none counts as open."""
+    given_up, at_a_time = http2.frame(http2.RESET, 0, 1, bytes(4)), 200
+    begun = http2.frame(http2.HEADERS, http2.END_HEADERS, 1, http2.headers("DoAction", None))
+    sent, before = 0, server.memory()
+    while sent < tries:
+        with http2.connect(server.address) as raw, contextlib.suppress(OSError):
+            raw.sendall(http2.greeting())
+            for first in range(0, tries // 10, at_a_time):
+                pieces = []
+                for number in range(first, first + at_a_time):
+                    stream = (2 * number + 1).to_bytes(4, "big")
+                    pieces += [begun[:5], stream, begun[9:], given_up[:5], stream, given_up[9:]]
+                raw.sendall(b"".join(pieces))
+        sent += tries // 10
+    bounded = server.peak - before < 100e6
+    return tries, tries * bounded * server.answers()
+
+
+def endless_headers(server: Server, tries: int) -> tuple[int, int]:
+    """Headers that go on and on, in frames that are full or empty."""
+    survived = 0
+    for number in range(tries):
+        more = b"\0\1a\x7f\x81\x7c" + b"x" * 16_000 if number % 2 else b""
+        going_on = http2.frame(http2.CONTINUATION, 0, 1, more)
+        with http2.connect(server.address) as raw:
+            with contextlib.suppress(OSError):
+                raw.sendall(http2.greeting() + http2.frame(
+                    http2.HEADERS, 0, 1, http2.headers("DoAction", None)))  # fmt: skip
+                for _ in range(20):
+                    raw.sendall(going_on * 1_000)
+            survived += http2.take_all(raw, 5.0)[1]
+    return tries, survived * server.answers()
+
+
 def wrong_tokens(server: Server, tries: int) -> tuple[int, int]:
     """Calls with tokens that are none."""
     refused = 0
@@ -657,6 +692,8 @@ BEFORE_A_TOKEN: list[tuple[str, Attack, int, int]] = [
     ("connections that begin in five ways and stop, all held open", slow_writers, 1_000, 150),
     ("connections at once", many_connections, 3_000, 300),
     ("requests without token, a thousand on a connection", many_requests, 20_000, 1_000),
+    ("requests without token that are begun and given up", given_up_requests, 200_000, 20_000),
+    ("headers without an end", endless_headers, 40, 2),
     ("calls with wrong tokens", wrong_tokens, 2_000, 20),
     ("random frames and bytes", nonsense, 2_000, 60),
 ]

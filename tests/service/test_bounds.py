@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
+import shutil
 import socket
 import threading
 import time
 from pathlib import Path
 from typing import Any
 
+import pyarrow as pa
 import pyarrow.flight as flight
 import pytest
 
@@ -91,6 +94,51 @@ def test_messages_are_judged_by_their_first_bytes() -> None:
         one.streams.end(stream, "server")
     assert total.taken == 0
     assert list(one.streams.opened) == [1]
+
+
+def test_requests_that_are_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Twice as many as may be open, at once; then as many in a second."""
+    sieve = Sieve(Streams(4), 1000, Total(2500))
+    sieve.take(PREFACE)
+    numbers = iter(range(1, 10_000, 2))
+
+    def give_up(often: int) -> None:
+        for _ in range(often):
+            stream = next(numbers)
+            sieve.take(frame(1, 4, stream) + frame(3, 0, stream, bytes(4)))
+
+    now = time.monotonic()
+    monkeypatch.setattr(time, "monotonic", lambda: now)
+    give_up(8)
+    now += 1.0
+    give_up(4)
+    # What has ended on both sides, or was never begun, may be given up as often as one likes
+    for _ in range(100):
+        stream = next(numbers)
+        sieve.take(frame(1, 4 | 1, stream))
+        sieve.streams.end(stream, "server")
+        sieve.take(frame(3, 0, stream, bytes(4)) + frame(3, 0, 9_999, bytes(4)))
+    with pytest.raises(Refused, match="begun and given up"):
+        give_up(1)
+    now += 100.0
+    give_up(8)
+    # The one that was refused ends with its connection
+    assert len(sieve.streams.opened) == 1
+
+
+@pytest.mark.parametrize("more", [b"", b"x" * 100], ids=["empty", "full"])
+def test_headers_that_go_on(more: bytes) -> None:
+    for step in (5, 50_000):
+        sieve = Sieve(Streams(4), 1000, Total(2500))
+        sieve.take(PREFACE)
+        # Whole ones pass, again and again
+        for stream in range(1, 2001, 2):
+            sieve.take(frame(1, 1, stream, more) + frame(9, 4, stream, more))
+            sieve.streams.end(stream, "server")
+        data = frame(1, 0, 3001) + frame(9, 0, 3001, more) * (2**16 // (len(more) + 9) + 1)
+        pieces = [data[at : at + step] for at in range(0, len(data), step)]
+        with pytest.raises(Refused, match="headers of more than"):
+            list(map(sieve.take, pieces))
 
 
 def unread(address: str, data: bytes) -> bytes:
@@ -285,6 +333,59 @@ def test_uploads_within_the_quota(start: Starter, folder: Path) -> None:
         client.upload_text("x" * 700_000, "a.stl", force=True)
     assert sorted(path.name for path in folder.glob("*.stl")) == ["a.stl"]
     assert [path.name for path in folder.glob(".*")] == [LEDGER]
+
+
+def test_folders_within_the_quota(start: Starter, folder: Path) -> None:
+    """Folders that an upload makes count as files, whatever becomes of it."""
+    service = start(limits=Limits(written_files=20, spare_workers=0))
+
+    def folders() -> list[Path]:
+        return [path for path in folder.rglob("*") if path.is_dir()]
+
+    before = len(folders())
+    with raymap.connect(service.address, token=TOKEN) as client:
+        with pytest.raises(RayMapError, match="more than 16 folders"):
+            client.upload_text("x", "/".join(["a"] * 17) + "/x.stl")
+        assert len(folders()) == before
+        client.upload_text("x", "a/b/c/x.stl")
+        client.upload_text("x", "a/b/c/y.stl")
+        with pytest.raises(RayMapError, match="20 files"):
+            client.upload_text("x", "/".join(["b"] * 16) + "/x.stl")
+        for number in range(5):
+            name = json.dumps({"file": f"{number}/{number}/z.stl"}).encode()
+            with pytest.raises(RayMapError, match="must be binary"):
+                _put_numbers(service.address, name)
+        assert len(folders()) == before + 13
+        for number in range(5, 12):
+            with contextlib.suppress(RayMapError):
+                _put_numbers(service.address, json.dumps({"file": f"{number}/z.stl"}).encode())
+        # With the two files they are 19: room for a file, not for a folder with one
+        assert len(folders()) == before + 17
+    # A new start counts them again; what its owner removes makes room
+    disk = Disk(ServedFolder(folder), Limits(written_files=20))
+    with pytest.raises(RayMapError, match="20 files"):
+        disk.check("upload", folders=3)
+    for number in range(5):
+        shutil.rmtree(folder / str(number))
+    disk.check("upload", folders=3)
+
+
+def _put_numbers(address: str, command: bytes) -> None:
+    """An upload whose column holds no files."""
+    options = flight.FlightCallOptions(
+        headers=[(b"authorization", f"Bearer {TOKEN}".encode())], timeout=60
+    )
+    with flight.connect(address) as plain:
+        descriptor = flight.FlightDescriptor.for_command(command)
+        try:
+            batch = pa.record_batch({"v": [1]})
+            writer, reader = plain.do_put(descriptor, batch.schema, options)
+            writer.write_batch(batch)
+            writer.done_writing()
+            reader.read()
+            writer.close()
+        except pa.ArrowException as error:
+            raise RayMapError(str(error)) from None
 
 
 def bounds(**options: Any) -> Bounds:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
 import signal
+import socket
+import struct
 import subprocess
 import sys
 import threading
@@ -34,6 +37,30 @@ def look(address: str, host: str | None = None) -> tuple[int, str]:
     except urllib.error.HTTPError as error:
         with error:
             return error.code, error.read().decode()
+
+
+def test_many_who_look_at_metrics_and_say_nothing(
+    start: Starter, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """So many threads, and no more; who asks is answered, and who goes away makes no noise."""
+    server = MetricsServer(start().metrics, 0)
+    place = ("127.0.0.1", int(server.address.rpartition(":")[2]))
+    before = threading.active_count()
+    with contextlib.ExitStack() as stack:
+        for _ in range(100):
+            held = stack.enter_context(socket.create_connection(place, timeout=30))
+            held.sendall(b"GET /met")
+        assert json.loads(look(f"{server.address}/health")[1])["status"] == "serving"
+        assert threading.active_count() - before < 50
+        for _ in range(30):
+            gone = socket.create_connection(place, timeout=30)
+            # Closed by a reset
+            gone.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            gone.sendall(b"GET /metrics HTTP/1.0\r\nHost: localhost:1\r\n\r\n")
+            gone.close()
+        assert look(f"{server.address}/metrics")[0] == 200
+    server.close()
+    assert capfd.readouterr().err == ""
 
 
 def test_metrics(start: Starter) -> None:
