@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from typing import Any
 
 from viewer.app.core import LOOK, RAY_STEPS, Core
@@ -51,10 +50,7 @@ class SceneActions(Core):
             )  # fmt: skip
         coarse = bool(request.get("coarse"))
         ratio = min(2.0, max(0.5, float(request.get("ratio", 1))))
-        image = await asyncio.get_running_loop().run_in_executor(
-            self._painting,
-            lambda: self.session.frame(width, height, ratio, coarse=coarse),
-        )
+        image = await self.paint(lambda: self.session.frame(width, height, ratio, coarse=coarse))
         if not coarse:
             with self.page:
                 self.page.address = state_to_address(self.session.state)

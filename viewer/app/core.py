@@ -74,6 +74,7 @@ class Core:
         self._painting = ThreadPoolExecutor(1, "paint")
         self._asking = ThreadPoolExecutor(2, "ask")
         self._tasks: set[asyncio.Task[Any]] = set()
+        self._closed = False
         self.stopping = threading.Event()
         self._number = 0
         self._progress = 0.0
@@ -116,6 +117,7 @@ class Core:
 
     def close(self) -> None:
         """End running searches."""
+        self._closed = True
         self.stopping.set()
         for task in self._tasks:
             task.cancel()
@@ -128,7 +130,20 @@ class Core:
         task.add_done_callback(self._tasks.discard)
 
     async def ask(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        return await asyncio.get_running_loop().run_in_executor(self._asking, function, *arguments)
+        """The answer of a function, while the page goes on."""
+        return await self._in(self._asking, function, *arguments)
+
+    async def paint(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        """The same for painting, one after the other."""
+        return await self._in(self._painting, function, *arguments)
+
+    async def _in(
+        self, pool: ThreadPoolExecutor, function: Callable[..., Any], *arguments: Any
+    ) -> Any:
+        if self._closed:
+            # What is still under way has nobody to answer
+            raise asyncio.CancelledError
+        return await asyncio.get_running_loop().run_in_executor(pool, function, *arguments)
 
     # -- messages --------------------------------------------------------------------------------
 

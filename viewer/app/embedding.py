@@ -71,20 +71,25 @@ def release(server: Any) -> None:
     core.AVAILABLE_SERVERS.pop(server.name, None)
 
 
-class _GoneAway(logging.Filter):
-    """Passes over pages that were closed while something was sent to them."""
+class _OfClients(logging.Filter):
+    """Passes over what is the clients' doing: pages that were closed while something was sent to
+    them, requests that are no HTTP. Those would be shown as they came, tokens and all.
+    """
 
     def filter(self, record: logging.LogRecord) -> bool:
-        return not isinstance(sys.exc_info()[1], ConnectionResetError)
+        from aiohttp.http_exceptions import HttpProcessingError
+
+        error = record.exc_info[1] if record.exc_info else sys.exc_info()[1]
+        return not isinstance(error, ConnectionResetError | HttpProcessingError)
 
 
-_GONE_AWAY = _GoneAway()
+_OF_CLIENTS = _OfClients()
 
 
 def start(server: Any, port: int) -> Awaitable[None]:
     """The coroutine that serves until it is stopped."""
     for name in ("wslink.protocol", "aiohttp.server"):
-        logging.getLogger(name).addFilter(_GONE_AWAY)
+        logging.getLogger(name).addFilter(_OF_CLIENTS)
     # trame reads our own command line, too, unless it is hidden
     with _starting:
         arguments, sys.argv = sys.argv, sys.argv[:1]

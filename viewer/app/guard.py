@@ -32,6 +32,7 @@ MOST_SOCKETS, MOST_WAITING = 64, 8
 """Sockets that may be open, and how many of them without a token."""
 
 _PAGES = ("/", "/index.html")
+_PLAIN_ADDRESS = re.compile(r"(http:)?//([A-Za-z0-9.-]*|\[[0-9A-Fa-f:.]*\])(:[0-9]{1,5})?")
 _NO_TOKEN = (
     "<!doctype html><title>Raymap</title><body>"
     "<h2>This address lacks its token</h2><p>Open the whole address that <code>raymap view</code> "
@@ -130,7 +131,7 @@ class Guard:
     def is_token(self, text: object) -> bool:
         """Whether a text is the token, found out in the same time for all."""
         given = text if isinstance(text, str) else ""
-        return secrets.compare_digest(given.encode(), self._token.encode())
+        return given.isascii() and secrets.compare_digest(given, self._token)
 
     def browser(self, request: Any) -> str | None:
         """Which browser asks, by the cookie that this server gave it; None without one."""
@@ -139,7 +140,8 @@ class Guard:
         for name, _, value in pairs:
             if name == self._cookie:
                 browser, _, seal = value.partition(".")
-                if secrets.compare_digest(seal.encode(), self._seal(browser).encode()):
+                # Bytes that are no text come as half characters; a number of ours has none
+                if value.isascii() and secrets.compare_digest(seal, self._seal(browser)):
                     return browser
         return None
 
@@ -174,7 +176,7 @@ class Guard:
         text of a map is ever part of a template. Vuetify writes its colours into style elements.
         """
         named = _host(f"//{host}")
-        socket = "" if named is None or named[0] not in HOSTS else f" ws://{host}"
+        socket = "" if named is None or named[0] not in HOSTS else f" ws://{host.lower()}"
         frames = " ".join(NOTEBOOKS) if self.in_notebook else "'none'"
         return "; ".join(
             (
@@ -225,9 +227,10 @@ def inline_script_hashes(page: Path) -> tuple[str, ...]:
 def _host(address: str) -> tuple[str, int | None] | None:
     """Host name and port of an address; None if it is none."""
     try:
-        parts = urlsplit(address)
-        if parts.path not in ("", "/") or parts.query or parts.fragment or parts.username:
+        # What urlsplit leaves out, drops or turns into something else is part of no address
+        if not _PLAIN_ADDRESS.fullmatch(address):
             return None
+        parts = urlsplit(address)
         return (parts.hostname or "").rstrip("."), parts.port
     except ValueError:
         return None

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import hashlib
 import http.client
 import re
+import socket
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -51,6 +53,8 @@ def cookie(server: RunningServer) -> str:
 HOSTS = {
     "evil.example": 421, "evil.example:80": 421, "localhost.evil.example": 421, "": 421,
     "127.0.0.1.nip.io": 421, "localhost@evil.example": 421, "0.0.0.0:80": 421, "[::2]:1": 421,
+    "@localhost": 421, ":x;script-src *@localhost": 421, "loc\talhost": 421, "localhost/": 421,
+    "localhost#": 421, "localhost?": 421, "localhost\\": 421, "localhost:": 421, "[::1": 421,
     "localhost": 200, "localhost:9999": 200, "127.0.0.1:8000": 200, "[::1]:8000": 200,
 }  # fmt: skip
 
@@ -114,6 +118,43 @@ def test_everything_needs_the_token(server: RunningServer) -> None:
     for method in ("POST", "PUT", "DELETE", "OPTIONS", "TRACE"):
         assert ask(server, page(server), method)[0] == 405
     assert server.token not in ask(server, page(server))[2]
+
+
+def exchange(server: RunningServer, request: bytes) -> bytes:
+    """What is answered to bytes that need be no HTTP."""
+    with socket.create_connection(("localhost", server.server.port), timeout=20) as raw:
+        raw.sendall(request)
+        said = b""
+        with contextlib.suppress(ConnectionError):
+            while part := raw.recv(65536):
+                said += part
+        return said
+
+
+def test_bytes_that_are_no_text_and_no_requests(
+    server: RunningServer, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Refused, and nothing of them on the terminal: a request holds the token."""
+    name = cookie(server).partition("=")[0].encode()
+    lines = (
+        b"GET /index.html HTTP/1.1\r\nCookie: " + name + b"=\xff.\xff",
+        b"GET /index.html HTTP/1.1\r\nCookie: " + name + b"=a.\xff",
+        b"GET /index.html?secret=%ed%a0%80 HTTP/1.1",
+        b"GET /index.html?secret=%ff HTTP/1.1",
+    )
+    for line in lines:
+        said = exchange(server, line + b"\r\nHost: localhost\r\nConnection: close\r\n\r\n")
+        assert said.startswith(b"HTTP/1.1 403"), line
+    token = server.token.encode()
+    for line in (
+        b"GET /index.html?secret=" + token + b"\xff HTTP/1.1",
+        b"GET /index.html?secret=" + token + b" HTTP/9.x",
+        b"GET /index.html?secret=" + token + b" HTTP/1.1\r\nX: " + b"a" * 100_000,
+        b"\x16\x03\x01 " + token,
+    ):
+        said = exchange(server, line + b"\r\nHost: localhost\r\nConnection: close\r\n\r\n")
+        assert said.split(b" ")[1] == b"400", line
+    assert capfd.readouterr().err == ""
 
 
 def test_headers_of_every_answer(server: RunningServer) -> None:
