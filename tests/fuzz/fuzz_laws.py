@@ -42,7 +42,7 @@ from raymap.laws.phase import PhaseLaw  # noqa: E402
 from raymap.laws.radial import RadialScatter  # noqa: E402
 from raymap.laws.retroreflector import RetroreflectorLaw  # noqa: E402
 from raymap.laws.rough import RoughLaw  # noqa: E402
-from raymap.laws.sheet import FilterLaw  # noqa: E402
+from raymap.laws.sheet import FilterLaw, PolariserLaw, RetarderLaw  # noqa: E402
 from raymap.laws.smooth import AbsorberLaw, FresnelLaw  # noqa: E402
 from raymap.laws.stack import StackLaw, StoredLayer  # noqa: E402
 from raymap.laws.stored import FORMS, stored_laws  # noqa: E402
@@ -69,6 +69,8 @@ SURFACES: tuple[Law, ...] = (
         reflectance=(0.9, 0.8, 0.7),
         scatter=RadialScatter(harvey_shack=(1.0, 0.01, -1.5), reference_nm=633.0),
     ),
+    PolariserLaw(absorbs=(0.6, 0.8, 0.0), extinction=0.001, transmittance=(0.9, 0.8, 0.7)),
+    RetarderLaw(slow=(1.0, 0.0, 0.0), retardance_nm=(125.0, 137.5, 150.0)),
     RetroreflectorLaw(reflectance=(0.3, 0.3, 0.3), spread_deg=2.0),
     RoughLaw(roughness=0.3),
     StackLaw(
@@ -227,6 +229,9 @@ def _evaluate(law: Law, channels: raymap.ChannelSet) -> None:
         for part in (back, through, back + through):
             assert part.shape == (len(NM), len(COSINES)), law
             assert np.all((part >= -1e-6) & (part <= 1.0 + 1e-6)), law
+    with contextlib.suppress(raymap.RayMapError):
+        row = law.jones(channels)
+        assert row is None or np.all(np.isfinite(row.numbers)), law
     scatter = getattr(law, "scatter", None)
     if scatter is not None:
         try:
