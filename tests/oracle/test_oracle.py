@@ -54,9 +54,14 @@ def leaves(model: type) -> set[str]:
     return set().union(*below, kinds(model) if "kind" in model.model_fields else ())  # type: ignore[attr-defined]
 
 
+NEWER = {"surfaces": {"polariser", "retarder"}, "sources": {"elliptical"}}
+"""Kinds that the earlier build does not know."""
+
+
 def test_scenes_use_every_kind() -> None:
-    assert {table["kind"] for table in SURFACES.values()} == set(REGISTRIES["surfaces"])
-    assert {table["kind"] for table in SOURCES.values()} == set(REGISTRIES["sources"])
+    for room, tables in (("surfaces", SURFACES), ("sources", SOURCES)):
+        used = {table["kind"] for table in tables.values()}
+        assert used == set(REGISTRIES[room]) - NEWER[room], room
     used = {table.get("kind", "plane") for table in DETECTORS.values()} | {"surface"}
     assert used == set(REGISTRIES["detectors"])
     phases = {
