@@ -136,8 +136,6 @@ SOURCES: dict[str, dict[str, Any]] = {
     "square_beam": {"kind": "collimated", "size": [14, 10]},
     "chip": {"kind": "lambertian", "size": [2, 2], "cone_deg": 60},
     "bulb": {"kind": "point", "cone_deg": 25},
-    "oval_beam": {"kind": "elliptical", "size": [14, 8], "turn_deg": 30},
-    "oval_cone": {"kind": "elliptical", "cone_deg": [25, 10], "turn_deg": -40},
     "ring": {"kind": "ring", "diameter": 16, "inner_diameter": 12, "tilt_deg": 15},
     "screen": {"kind": "picture", "file": "picture.npy", "size": [8, 6], "cone_deg": 40},
     "luminaire": {
