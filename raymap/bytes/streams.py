@@ -70,6 +70,7 @@ _FEW_BYTES = 2**14
 """Columns of so many bytes are stored whole where the table of their planes would be longer."""
 _PATIENT = 9
 _BLOCK = 2**17
+_MOST_WINDOW = 2**27
 _FRAME = bytes.fromhex("28B52FFD A0")
 """Magic number and the descriptor of a frame of one segment whose content size has 4 bytes."""
 
@@ -429,12 +430,28 @@ def decode_bytes(entry: StreamEntry, stored: bytes) -> bytes | NDArray[np.uint8]
         return np.full(entry.raw_size, stored[0], np.uint8)
     if entry.codec == ZSTD:
         try:
-            if zstandard.frame_content_size(stored) == entry.raw_size:
-                return _decompressor().decompress(stored, max_output_size=entry.raw_size)
+            if zstandard.frame_content_size(stored) == entry.raw_size and _is_plain(stored):
+                # One frame and nothing behind it, as other readers may not look there
+                return _decompressor().decompress(
+                    stored, max_output_size=entry.raw_size, allow_extra_data=False
+                )
         except zstandard.ZstdError:
             pass
-        raise FormatError(f"stream {entry.name!r} does not decompress to {entry.raw_size} bytes")
+        raise FormatError(
+            f"stream {entry.name!r} is no single frame of {entry.raw_size} bytes within the limits"
+        )
     raise FormatError(f"stream {entry.name!r}: codec {entry.codec} is unknown or its sizes differ")
+
+
+def _is_plain(frame: bytes) -> bool:
+    """Whether it is no skippable frame, and needs no more memory than its content or the limit.
+
+    A frame of a single segment states no window: its content is all that is kept.
+    """
+    if frame[:4] != _FRAME[:4]:
+        return False
+    single_segment = bool(frame[4] & 0x20)
+    return single_segment or zstandard.get_frame_parameters(frame).window_size <= _MOST_WINDOW
 
 
 def decode_planes(

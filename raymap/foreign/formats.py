@@ -41,7 +41,9 @@ def import_recorded(
         found = by_content(RECORDED_FORMATS, source)
     if found is None:
         raise RayMapError(
-            f"{source.name}: known formats are {known_suffixes(RECORDED_FORMATS.kinds())}; rays of "
-            "programs with a Python interface are recorded with raymap.foreign.recorder"
+            f"{source.name}: is no file of traced rays that is known; known formats are "
+            f"{known_suffixes(RECORDED_FORMATS.kinds())}; rays of programs with a Python interface "
+            "are recorded with raymap.foreign.recorder; lens files are scenes (raymap check, "
+            "record), CAD and light files parts of one, ray files are for raymap check-rays"
         )
     return found.write_map(source, path, **options)
