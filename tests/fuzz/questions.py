@@ -131,6 +131,38 @@ def _drawn(ray_map: raymap.RayMap, folder: Path) -> None:
             export_3d(ray_map, folder / f"drawn{suffix}", rays=20, force=True)
 
 
+def _in_application(ray_map: raymap.RayMap, _: Path) -> None:
+    from viewer.app.inquiry import Inquiry
+    from viewer.app.session import Session
+    from viewer.drawn.state import ViewState
+
+    session = Session(ray_map, ViewState(rays=20))
+    inquiry = Inquiry(session)
+
+    def never() -> bool:
+        return False
+
+    asked: tuple[Callable[[], object], ...] = (
+        lambda: inquiry.draw(never, lambda drawn: None),
+        lambda: inquiry.answer(never, lambda part: None),
+        lambda: inquiry.tree(never),
+        lambda: inquiry.paths("face", False, "flux", never),
+        lambda: inquiry.paths("object", True, "rays", never),
+        lambda: inquiry.ghosts(never),
+        lambda: inquiry.look_at_detector(never),
+        lambda: inquiry.read_report(0),
+        inquiry.point_fields,
+        session.legend,
+        session.objects,
+        lambda: session.frame(64, 48, 1.0, coarse=False),
+        lambda: session.pick(32, 24, 64, 48),
+        lambda: session.hover(32, 24, 64, 48),
+    )
+    for question in asked:
+        with contextlib.suppress(raymap.RayMapError):
+            question()
+
+
 _DEAR: tuple[Question, ...] = (
     _every_column,
     _results,
@@ -143,6 +175,7 @@ _DEAR: tuple[Question, ...] = (
     _luminaire,
     _drawn,
     _drawn,
+    _in_application,
     lambda ray_map, _: ray_map.meshes,
     lambda ray_map, _: path_table(ray_map, 'hit("lens")', by="object", threads=1).rows(),
     lambda ray_map, _: detector_images(ray_map, "sensor", {"all": None, "few": "length > 1"}),
