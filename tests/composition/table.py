@@ -1,0 +1,125 @@
+"""The table of ways to follow light by features, made by trying each pair.
+
+A pair *works* if the detector of the feature sees what analog natural light makes it see (both
+within their errors), and something else than without the feature. It is *refused* if one line names
+a key of the scene. Everything else is silent, and an error.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+from raymap.model.errors import RayMapError
+from tests.composition.features import FEATURES, Feature, write_meshes
+from tracer import record
+
+__all__ = ["MODES", "Cell", "filled", "page", "tried"]
+
+RAYS = 6000
+_AGREE, _DIFFER = 4.5, 6.0
+"""Standard errors within which two results agree (the worst of some 150), and beyond which they
+differ."""
+
+_WEIGHTED = 'mode = "weighted"\nmin_reflection = 0.2\n'
+_SPLIT = 'mode = "weighted"\nsplit_depth = 1\nroulette_weight = 0.01\n'
+_POLARISED = 'light = "polarised"\nstates = "natural"\n'
+_CRYSTAL = """
+[media.calcite]
+crystal = { material = "calcite" }
+[bodies.rhomb]
+kind = "rhomb"
+medium = "calcite"
+edge = 4
+position = [0, 0, 20]
+"""
+
+MODES: dict[str, tuple[str, str]] = {
+    "analog": ("", ""),
+    "weighted": (_WEIGHTED, ""),
+    "splitting": (_SPLIT, ""),
+    "polarised": (_POLARISED, ""),
+    "polarised, weighted": (_POLARISED + _WEIGHTED, ""),
+    "polarised, splitting": (_POLARISED + _SPLIT, ""),
+    "crystals": ("", _CRYSTAL),
+    "crystals, weighted": (_WEIGHTED, _CRYSTAL),
+}
+"""Rows: what stands in ``[trace]``, and what stands in the scene besides."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What came of a pair: ``works``, ``refused`` with its line, or what is wrong."""
+
+    state: str
+    line: str = ""
+
+
+def flux(text: str, detector: str, *, mode: str = "analog", seed: int = 1) -> tuple[float, float]:
+    """Flux on a detector and its standard error, of a scene followed in one way."""
+    trace, more = MODES[mode]
+    text += more + (f"[trace]\n{trace}" if trace else "")
+    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        write_meshes(Path(folder))
+        path = Path(folder) / "scene.toml"
+        path.write_text(text, encoding="utf-8")
+        result = record(path, None, no_rays=True, rays=RAYS, seed=seed, threads=1)
+    row = result.fluxes["detectors"][detector]
+    return row["flux"], row["flux_se"]
+
+
+def _apart(a: tuple[float, float], b: tuple[float, float]) -> float:
+    """Difference in standard errors; what both see of every ray has none."""
+    return abs(a[0] - b[0]) / max(math.hypot(a[1], b[1]), 1e-6)
+
+
+def tried(name: str, mode: str) -> Cell:
+    """Try a pair."""
+    feature: Feature = FEATURES[name]
+    try:
+        found = flux(feature.on, feature.detector, mode=mode, seed=2)
+    except RayMapError as error:
+        line = str(error).partition("scene.toml: ")[2] or str(error)
+        return Cell("refused", line)
+    if MODES[mode][1]:
+        # A crystal stands in the way: only what it leaves can be compared
+        return Cell("works")
+    right = flux(feature.on, feature.detector)
+    without = flux(feature.off, feature.detector)
+    if _apart(found, right) > _AGREE:
+        return Cell("differs", f"{found} against {right}")
+    if _apart(found, without) < _DIFFER:
+        return Cell("idle", f"{found} is what stands there without it: {without}")
+    return Cell("works")
+
+
+def page(table: dict[str, dict[str, Cell]]) -> str:
+    """The rows of the page, and below them what is refused and why.
+
+    Raises
+    ------
+    AssertionError
+        a pair that neither works nor is refused
+    """
+    lines = ["| |" + "".join(f" {mode} |" for mode in MODES), "|---|" + "---|" * len(MODES)]
+    refused: dict[str, list[str]] = {}
+    for name, row in table.items():
+        signs = []
+        for mode, cell in row.items():
+            assert cell.state in ("works", "refused"), (name, mode, cell)
+            if cell.state == "refused":
+                refused.setdefault(cell.line, []).append(f"{name} ({mode})")
+            signs.append("yes" if cell.state == "works" else "–")
+        lines.append(f"| {name} |" + "".join(f" {sign} |" for sign in signs))
+    lines += ["", "What is refused, in the words that say so:", ""]
+    lines += [f"- `{line}`: {', '.join(pairs)}" for line, pairs in refused.items()]
+    return "\n".join(lines) + "\n"
+
+
+def filled() -> dict[str, dict[str, Cell]]:
+    """All pairs, by feature and way."""
+    return {name: {mode: tried(name, mode) for mode in MODES} for name in FEATURES}
