@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 from collections.abc import Iterator
@@ -109,11 +110,17 @@ def test_maps_that_do_not_state_group_indices_say_so(tmp_path: Any) -> None:
         assert found.reason == "the map does not say the group index of N-BK7; record it again"
 
 
+@functools.lru_cache(maxsize=1)
+def _told(ray_map: raymap.RayMap) -> list[dict[str, Any]]:
+    """What reports say of the rays that register, one by one."""
+    ids = query.select(ray_map, CRITERION).ray_ids.tolist()
+    return [query.report(ray_map, ray) for ray in ids]
+
+
 def _numbers(ray_map: raymap.RayMap, quantity: str) -> tuple[Any, Any]:
-    """Numbers of the rays that register, and their flux, one by one."""
+    """Numbers of the rays that register, and their flux."""
     values, flux = [], []
-    for ray in query.select(ray_map, CRITERION).ray_ids.tolist():
-        told = query.report(ray_map, ray)
+    for told in _told(ray_map):
         number = {"length": told["length"], "bounces": len(told["points"]) - 2}
         values.append(number.get(quantity, told["flux"]))
         flux.append(told["flux"])
