@@ -28,7 +28,7 @@ from tests.raymap.maps import RGB, small_directory, write_small
 from tests.strategies import assert_same_portion, make_portion
 
 _SLOW = settings(
-    max_examples=examples(5),
+    max_examples=examples(2),
     suppress_health_check=list(HealthCheck),
     # Directories of 32,767 names are not worth shrinking
     phases=[Phase.explicit, Phase.generate],
