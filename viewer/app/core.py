@@ -81,6 +81,7 @@ class Core:
         self._size = (900, 700)
         self.quiet = False
         self._damage_told = 0
+        self._told = (0, False)
         server.raymap_incoming.say = self.say
 
     def _guarded(self, function: Callable[..., Any]) -> Callable[..., Any]:
@@ -186,6 +187,7 @@ class Core:
 
     def _push(self) -> None:
         """Show the whole state in the page."""
+        self._told = self._extent()
         state, ray_map = self.session.state, self.session.map
         self.quiet = True
         step = sum(1 for number in RAY_STEPS if number < state.rays)
@@ -333,17 +335,15 @@ class Core:
 
     async def _watch(self) -> None:
         """Take in what is recorded meanwhile."""
-        seen = None
-        # The last look comes after the end, which another browser's application may have met
-        while seen is None or not seen[1]:
-            seen = self._extent()
+        # Another browser's application may look at the same map: what counts is what this one told
+        while not self._told[1]:
             await asyncio.sleep(REFRESH_SECONDS)
             try:
                 await self.ask(self.session.map.refresh)
             except (RayMapError, OSError) as error:
                 self.say(f"the map cannot be read any more: {error}", "error")
                 return
-            if self._extent() != seen:
+            if self._extent() != self._told:
                 self._push()
                 if not self.page.searching:
                     await self._answer()

@@ -114,5 +114,5 @@ class Application(SceneActions, ResultActions):
     def _begin(self, **_: Any) -> None:
         """Once the server runs: look for the first answer, watch a growing map."""
         self._spawn(self._answer())
-        if not self.session.map.finished:
+        if not self._told[1]:
             self._spawn(self._watch())
