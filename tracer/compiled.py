@@ -1,8 +1,8 @@
 """A compiled scene: plain tables that compiled code takes, nothing else.
 
 Every table is an array of integers or of numbers with named columns, few enough to hand to a
-compiled function. ``C`` is the number of colour channels. A ray's *nest* is the stack of the bodies
-that it is in (`tracer.transport.nests`).
+compiled function. ``C`` is the number of colour channels. A ray's *medium stack* holds the bodies
+that it is in (`tracer.transport.medium_stack`).
 """
 
 from __future__ import annotations
@@ -62,16 +62,16 @@ M_DISPERSIVE, M_PARTICIPATING = range(2)
 # Columns of body_i
 B_MEDIUM, B_PRIORITY = range(2)
 
-NEST_BITS, FEW_SOLIDS, WORD_FEW, WORD_MANY = 63, 510, 9, 15
-"""Bits of a nest (see `tracer.transport.nests`); up to so many solids its words have the first
-number of bits, else the second."""
+STACK_BITS, FEW_SOLIDS, WORD_FEW, WORD_MANY = 63, 510, 9, 15
+"""Bits of a medium stack (`tracer.transport.medium_stack`); up to so many solids its words have the
+first number of bits, else the second."""
 
 # Columns of source_i; source_f: center 0-2, normal 3-5, u 6-8, v 9-11, half sizes or inner and
 # outer radius 12-13, cosine that limits the cone 14, direction of a collimated beam 15-17, normal
 # in the record 18-20, place in the pool of light 21, tilt of a ring [rad] or half size along the
 # axis of a body that shines 22, then the shares of the channels (C)
 # Of source_i the last: number of the kind, and addresses of what it emits with, 0 until known
-L_AREA, L_DIRECTIONS, L_CODE, L_NEST, L_MEDIUM, L_KIND, L_EMIT, L_TOWARDS = range(8)
+L_AREA, L_DIRECTIONS, L_CODE, L_STACK, L_MEDIUM, L_KIND, L_EMIT, L_TOWARDS = range(8)
 L_COLUMNS = 8
 SOURCE_ROW = 24
 

@@ -34,7 +34,7 @@ from tracer.compiled import (
     F_KIND,
     F_OUTSIDE,
     F_SURFACE,
-    L_NEST,
+    L_STACK,
     SOURCE_ROW,
     WORLD,
     CompiledScene,
@@ -43,7 +43,7 @@ from tracer.geometry.kinds import MESH
 from tracer.geometry.normals import face_normal
 from tracer.rays.random import advance, stream_state, uniform
 from tracer.transport.contacts import cross_face
-from tracer.transport.nests import top_body
+from tracer.transport.medium_stack import top_body
 
 __all__ = ["FacesByNumber", "PolarizedColumns", "RayColumns", "polarize_rays"]
 
@@ -105,11 +105,11 @@ class PolarizedColumns(NamedTuple):
 
 @inline_kernel
 def _crossed(
-    scene: CompiledScene, nest: int, face: int, cosine: float, x: float, y: float, z: float
+    scene: CompiledScene, stack: int, face: int, cosine: float, x: float, y: float, z: float
 ) -> int:
-    """Nest behind a face and all that coincide with it there, -1 if that cannot be."""
+    """Medium stack behind a face and all that coincide with it there, -1 if that cannot be."""
     beyond, _ = cross_face(
-        scene.contacts, scene.face_i, scene.face_f, scene.pool, scene.body_i, face, nest, cosine,
+        scene.contacts, scene.face_i, scene.face_f, scene.pool, scene.body_i, face, stack, cosine,
         x, y, z,
     )  # fmt: skip
     return beyond
@@ -117,13 +117,13 @@ def _crossed(
 
 @inline_kernel
 def _beyond(
-    scene: CompiledScene, nest: int, face: int, cosine: float, medium: int, x: float, y: float,
+    scene: CompiledScene, stack: int, face: int, cosine: float, medium: int, x: float, y: float,
     z: float,
 ) -> int:  # fmt: skip
     """Medium on the other side of a face, by the bodies that the ray is known to be in."""
     inside, outside = scene.face_i[face, F_INSIDE], scene.face_i[face, F_OUTSIDE]
     entering = cosine < 0.0
-    behind = _crossed(scene, nest, face, cosine, x, y, z)
+    behind = _crossed(scene, stack, face, cosine, x, y, z)
     body = inside if entering else outside
     if behind >= 0:
         body = top_body(behind, scene.body_i)
@@ -157,7 +157,7 @@ def _walk(
     n_channels = scene.source_f.shape[1] - SOURCE_ROW
     state = stream_state(seed ^ _SALT, ray_id)
     source = rays.source[ray]
-    nest = scene.source_i[source, L_NEST]
+    stack = scene.source_i[source, L_STACK]
     x, y, z = exact[a, 0], exact[a, 1], exact[a, 2]
     weight, path = 1.0, 0.0
     dx, dy, dz = 0.0, 0.0, 1.0
@@ -201,8 +201,8 @@ def _walk(
                 u = uniform(state)
                 state = advance(state)
                 v = uniform(state)
-            factor, lost, nest = _meet(
-                scene, rays, faces, waves, k, nest, _Bend(x, y, z, dx, dy, dz, ox, oy, oz), u, v
+            factor, lost, stack = _meet(
+                scene, rays, faces, waves, k, stack, _Bend(x, y, z, dx, dy, dz, ox, oy, oz), u, v
             )  # fmt: skip
             weight *= factor
         elif not last and event & _VOLUME != 0:
@@ -287,11 +287,11 @@ class _Bend(NamedTuple):
 
 @inline_kernel
 def _meet(
-    scene: CompiledScene, rays: RayColumns, faces: FacesByNumber, waves: F64, k: int, nest: int,
+    scene: CompiledScene, rays: RayColumns, faces: FacesByNumber, waves: F64, k: int, stack: int,
     bend: _Bend, u: float, v: float,
 ) -> tuple[float, bool, int]:  # fmt: skip
     """Let the fields meet a face at a record: factor of the weight, whether the state is lost, and
-    the nest behind."""
+    the stack behind."""
     x, y, z, dx, dy, dz, ox, oy, oz = bend
     event = rays.event[k]
     face = _face_of(faces, rays, k)
@@ -306,7 +306,7 @@ def _meet(
     if through:
         other = max(0, rays.medium[k])
     elif face >= 0:
-        other = _beyond(scene, nest, face, cosine, before, x, y, z)
+        other = _beyond(scene, stack, face, cosine, before, x, y, z)
     else:
         other = before
     n1, n2 = scene.medium_f[before, code], scene.medium_f[other, code]
@@ -319,6 +319,6 @@ def _meet(
         Turn(dx, dy, dz, ox, oy, oz, nx, ny, nz), u, v,
     )  # fmt: skip
     if through and face >= 0:
-        behind = _crossed(scene, nest, face, cosine, x, y, z)
-        nest = behind if behind >= 0 else nest
-    return factor, lost, nest
+        behind = _crossed(scene, stack, face, cosine, x, y, z)
+        stack = behind if behind >= 0 else stack
+    return factor, lost, stack

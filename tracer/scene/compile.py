@@ -158,11 +158,11 @@ class _Compiler:
             )
         faces.build()
         world = self.media.number(scene.world.medium)
-        nests = {
+        stacks = {
             name: (k + 1, self.media.number(self.bodies[name].medium or ""))
             for k, name in enumerate(faces.solids)
         }
-        sources = SourceTable(scene, self.wavelengths, nests, world).compile()
+        sources = SourceTable(scene, self.wavelengths, stacks, world).compile()
         detectors = self.detectors.compile()
         shapes = ShapeColumns.of_shapes([primitive.shape for primitive in faces.primitives])
         center, radius = self._extent(shapes, sources)

@@ -35,8 +35,8 @@ from tracer.compiled import (
     L_COLUMNS,
     L_KIND,
     LAMBERTIAN_CONE,
-    NEST_BITS,
     SOURCE_ROW,
+    STACK_BITS,
     UNIFORM_CONE,
     WORD_FEW,
     WORD_MANY,
@@ -100,7 +100,7 @@ class SourceTable:
     ----------
     scene : the scene
     wavelengths_nm : of the channels
-    nests : per solid, by name, the nest of what stands inside it alone and its medium
+    stacks : per solid, by name, the stack of what stands inside it alone and its medium
     world : the medium of the world
     """
 
@@ -108,13 +108,13 @@ class SourceTable:
         self,
         scene: Scene,
         wavelengths_nm: Array,
-        nests: Mapping[str, tuple[int, int]],
+        stacks: Mapping[str, tuple[int, int]],
         world: int,
     ) -> None:
         self.scene = scene
         self.wavelengths = wavelengths_nm
         self.rgb = scene.spectrum.kind == "rgb"
-        self.nests = nests
+        self.stacks = stacks
         self.world = world
         self.models = list(scene.sources.items())
         self.light = [self._measured(name, model) for name, model in self.models]
@@ -166,8 +166,8 @@ class SourceTable:
                     'lumens; record with flux_unit = "W", or choose other wavelengths_nm',
                 )
             code = int(np.argmax(color)) if color.max() == 1.0 else n_channels + k
-            nest, medium = self._nest(name, model)
-            integers[k, :5] = area, directions, code, nest, medium
+            stack, medium = self._medium_stack(name, model)
+            integers[k, :5] = area, directions, code, stack, medium
             integers[k, L_KIND] = source_number(type(model))
             boxes.append(self._box(k, model))
         flat, rays = pool.finish()
@@ -303,14 +303,14 @@ class SourceTable:
             return 1.0
         return length_in(light.length_unit, self.scene.length_unit)
 
-    def _nest(self, name: str, model: Source) -> tuple[int, int]:
-        """Nest and medium in which the source's light starts (see `tracer.transport.nests`)."""
+    def _medium_stack(self, name: str, model: Source) -> tuple[int, int]:
+        """Medium stack and medium in which the source's light starts."""
         within: list[str] = []
         for solid in model.inside:
-            if solid not in self.nests:
+            if solid not in self.stacks:
                 raise self.fail(
                     f"{name}.inside",
-                    f"there is no solid {solid!r}{nearest_names(solid, self.nests)}",
+                    f"there is no solid {solid!r}{nearest_names(solid, self.stacks)}",
                 )
             if solid in within:
                 raise self.fail(f"{name}.inside", f"names {solid!r} twice; drop one")
@@ -319,11 +319,11 @@ class SourceTable:
             within.insert(above, solid)
         if not within:
             return 0, self.world
-        bits = WORD_FEW if len(self.nests) <= FEW_SOLIDS else WORD_MANY
-        if len(within) > NEST_BITS // bits:
-            raise self.fail(f"{name}.inside", f"names more than {NEST_BITS // bits} solids")
-        nest = sum(self.nests[solid][0] << bits * k for k, solid in enumerate(within))
-        return nest, self.nests[within[0]][1]
+        bits = WORD_FEW if len(self.stacks) <= FEW_SOLIDS else WORD_MANY
+        if len(within) > STACK_BITS // bits:
+            raise self.fail(f"{name}.inside", f"names more than {STACK_BITS // bits} solids")
+        stack = sum(self.stacks[solid][0] << bits * k for k, solid in enumerate(within))
+        return stack, self.stacks[within[0]][1]
 
     def _efficacy(self) -> Array:
         """(n_channels,) lumen per watt of each channel."""

@@ -43,9 +43,9 @@ T, WEIGHT = 6, 7
 MESH_POINT, MESH_NORMAL, MESH_SHADING, MESH_ROWS = 8, 11, 14, 17
 
 # Rows of live_i: face met next, face on which the ray stands (-1 none), departure (list of
-# candidates), nest, medium, colour code, random state (bits), ray in the block,
+# candidates), stack, medium, colour code, random state (bits), ray in the block,
 # its last record
-HIT, OWN, KEY, NEST, MEDIUM, CODE, RNG, RAY, LAST = range(9)
+HIT, OWN, KEY, STACK, MEDIUM, CODE, RNG, RAY, LAST = range(9)
 # Further rows where there are meshes: mesh and triangle met, those on which the ray stands
 MESH_BODY, MESH_TRIANGLE, OWN_BODY, OWN_TRIANGLE = range(9, 13)
 

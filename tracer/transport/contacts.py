@@ -15,7 +15,7 @@ from raymap.jit.types import F64, I64
 from tracer.compiled import B_PRIORITY, F_DETECTOR, F_INSIDE, F_KIND, F_OUTSIDE, Contacts
 from tracer.geometry.kinds import ANNULUS, CONE, CONIC, CYLINDER, RECTANGLE, SPHERE
 from tracer.geometry.normals import face_normal
-from tracer.transport.nests import enter_body, leave_body
+from tracer.transport.medium_stack import enter_body, leave_body
 
 __all__ = ["cross_face", "left_together", "scene_touches"]
 
@@ -23,14 +23,14 @@ __all__ = ["cross_face", "left_together", "scene_touches"]
 @inline_kernel
 def cross_face(
     contacts: Contacts | None, face_i: I64, face_f: F64, pool: F64 | None, body_i: I64, face: int,
-    nest: int, cosine: float, x: float, y: float, z: float,
+    stack: int, cosine: float, x: float, y: float, z: float,
 ) -> tuple[int, int]:  # fmt: skip
-    """Nest beyond a face met at (x, y, z), -1 where the ray cannot be; the face that counts."""
+    """Medium stack beyond a face hit at (x, y, z), -1 if none; the face that counts."""
     if contacts is None:
-        return _cross(face_i, body_i, face, nest, cosine), face
+        return _cross(face_i, body_i, face, stack, cosine), face
     if contacts.first[face] == contacts.first[face + 1]:
-        return _cross(face_i, body_i, face, nest, cosine), face
-    return _cross_all(contacts, face_i, face_f, pool, body_i, face, nest, cosine, x, y, z)
+        return _cross(face_i, body_i, face, stack, cosine), face
+    return _cross_all(contacts, face_i, face_f, pool, body_i, face, stack, cosine, x, y, z)
 
 
 @inline_kernel
@@ -56,9 +56,9 @@ def left_together(contacts: Contacts | None, face_i: I64, own: int, face: int) -
 
 
 @inline_kernel
-def _cross(face_i: I64, body_i: I64, face: int, nest: int, cosine: float) -> int:
+def _cross(face_i: I64, body_i: I64, face: int, stack: int, cosine: float) -> int:
     inside, outside = face_i[face, F_INSIDE], face_i[face, F_OUTSIDE]
-    beyond = nest
+    beyond = stack
     if inside >= 0:
         if cosine < 0.0:
             if outside >= 0:
@@ -75,11 +75,11 @@ def _cross(face_i: I64, body_i: I64, face: int, nest: int, cosine: float) -> int
 @inner_kernel
 def _cross_all(
     contacts: Contacts, face_i: I64, face_f: F64, pool: F64 | None, body_i: I64, face: int,
-    nest: int, cosine: float, x: float, y: float, z: float,
+    stack: int, cosine: float, x: float, y: float, z: float,
 ) -> tuple[int, int]:  # fmt: skip
     """Cross a face and all that coincide with it at a place: leave bodies first, then enter."""
     first, last = contacts.first[face], contacts.first[face + 1]
-    counting, beyond = face, nest
+    counting, beyond = face, stack
     nx, ny, nz = face_normal(face_i[face, F_KIND], face_f, face, pool, x, y, z)
     for entering in range(2):
         for k in range(first - 1, last):

@@ -34,7 +34,7 @@ from tracer.compiled import (
     F_SURFACE,
     F_TRIANGLE,
     L_MEDIUM,
-    L_NEST,
+    L_STACK,
     M_PARTICIPATING,
     SINGLE,
     SOURCE_ROW,
@@ -64,18 +64,19 @@ from tracer.transport.buffers import (
     MESH_SHADING,
     MESH_TRIANGLE,
     N_RECORDS,
-    NEST,
     OWN,
     OWN_BODY,
     OWN_TRIANGLE,
     RAY,
     RECORDS,
     RNG,
+    STACK,
     WEIGHT,
     Buffers,
     T,
 )
 from tracer.transport.contacts import cross_face, left_together, scene_touches
+from tracer.transport.medium_stack import top_body
 from tracer.transport.meetings import (
     Descriptors,
     Detectors,
@@ -85,7 +86,6 @@ from tracer.transport.meetings import (
     pass_views,
     register_on_face,
 )
-from tracer.transport.nests import top_body
 from tracer.transport.records import ENDING, Record, RecordColumns, write_record
 from tracer.transport.splitting import (
     Fork,
@@ -148,7 +148,7 @@ def emit_block(scene: CompiledScene, seed: int, first_ray: int, n: int, b: Buffe
         live_i[KEY, i] = first_key + source
         if len(live_f) > MESH_POINT:
             live_i[OWN_BODY, i] = -1
-        live_i[NEST, i] = source_i[source, L_NEST]
+        live_i[STACK, i] = source_i[source, L_STACK]
         live_i[MEDIUM, i] = source_i[source, L_MEDIUM]
         live_i[CODE, i] = code
         live_i[RNG, i] = np.int64(state)
@@ -178,7 +178,7 @@ def place_block(
         live_i[KEY, i] = 2 * len(scene.face_i) + len(scene.source_i)
         if len(live_f) > MESH_POINT:
             live_i[OWN_BODY, i] = -1
-        live_i[NEST, i] = 0
+        live_i[STACK, i] = 0
         live_i[MEDIUM, i] = world
         live_i[CODE, i] = 0
         live_i[RNG, i] = np.int64(stream_state(seed, first + i))
@@ -231,7 +231,7 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
         x, y, z = live_f[0, i], live_f[1, i], live_f[2, i]
         dx, dy, dz = live_f[3, i], live_f[4, i], live_f[5, i]
         t, face = live_f[T, i], live_i[HIT, i]
-        nest, medium, code = live_i[NEST, i], live_i[MEDIUM, i], live_i[CODE, i]
+        stack, medium, code = live_i[STACK, i], live_i[MEDIUM, i], live_i[CODE, i]
         state = np.uint64(live_i[RNG, i])
         ray, last, weight = live_i[RAY, i], live_i[LAST, i], live_f[WEIGHT, i]
         ux, uy, uz = dx, dy, dz
@@ -240,7 +240,7 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
         key, own = volume_key, -1
         own_body, own_triangle = -1, -1
         ignored = False
-        cosine, nest_before, medium_before = 0.0, nest, medium
+        cosine, stack_before, medium_before = 0.0, stack, medium
         # Fly freely through a medium that absorbs or scatters
         participating = medium_i[unsigned(medium), M_PARTICIPATING]
         if participating != 0 and passes_surely(
@@ -287,7 +287,7 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
                 nx, ny, nz = face_normal(face_i[met, F_KIND], face_f, met, scene.pool, x, y, z)
             cosine = dx * nx + dy * ny + dz * nz
             beyond, counting = cross_face(
-                scene.contacts, face_i, face_f, scene.pool, body_i, met, nest, cosine, x, y, z
+                scene.contacts, face_i, face_f, scene.pool, body_i, met, stack, cosine, x, y, z
             )
             if scene_touches(scene.contacts) and counting != face:
                 # Another face lies here and counts: it gives normal, name and surface
@@ -303,11 +303,11 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
                 x, y, z = x + off * dx, y + off * dy, z + off * dz
             elif (
                 beyond >= 0
-                and top_body(beyond, body_i) == top_body(nest, body_i)
+                and top_body(beyond, body_i) == top_body(stack, body_i)
                 and face_i[met, F_INSIDE] >= 0
             ):
                 ignored = True
-                nest = beyond
+                stack = beyond
             own = int(met)
             if not ignored:
                 obj, triangle = face_i[met, F_OBJECT], face_i[met, F_TRIANGLE]
@@ -354,7 +354,7 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
                     scale = unit_factor(dx, dy, dz)
                     dx, dy, dz = scale * dx, scale * dy, scale * dz
                     if crosses:
-                        nest = beyond
+                        stack = beyond
                         if other != medium:
                             event |= MEDIUM_CHANGED
                         medium = other
@@ -382,7 +382,7 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
                 fork = Fork(
                     x, y, z, nx, ny, nz, cosine, face, face_i[face, F_AXIS], own_body, own_triangle
                 )
-                twin = release_twin(twins, b, ray, r, fork, nest_before, medium_before, state)
+                twin = release_twin(twins, b, ray, r, fork, stack_before, medium_before, state)
                 point = Record(
                     x, y, z, nx, ny, nz, obj, triangle, turned_off, medium_before,
                     twin_code(twins), twin,
@@ -402,7 +402,7 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
         live_i[OWN, k], live_i[KEY, k] = own, key
         if meshed:
             live_i[OWN_BODY, k], live_i[OWN_TRIANGLE, k] = own_body, own_triangle
-        live_i[NEST, k], live_i[MEDIUM, k], live_i[CODE, k] = nest, medium, code
+        live_i[STACK, k], live_i[MEDIUM, k], live_i[CODE, k] = stack, medium, code
         live_i[RNG, k] = np.int64(state)
         live_i[RAY, k], live_i[LAST, k] = ray, last
         kept += 1
@@ -416,7 +416,7 @@ def _pack(live_f: F64, live_i: I64, i: int, k: int) -> None:
     for row in range(6):
         live_f[row, k] = live_f[row, i]
     live_f[WEIGHT, k] = live_f[WEIGHT, i]
-    for row in (OWN, KEY, NEST, MEDIUM, CODE, RNG, RAY, LAST):
+    for row in (OWN, KEY, STACK, MEDIUM, CODE, RNG, RAY, LAST):
         live_i[row, k] = live_i[row, i]
 
 

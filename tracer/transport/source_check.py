@@ -65,7 +65,7 @@ def check_sources(
         bad = np.flatnonzero(mine & wrong & (leaving | bool(model.inside)))
         place = f"{compilation.scene.origin}: sources.{name}"
         if not len(bad):
-            _warn_of_nests(compilation, portion, k, place)
+            _warn_of_stacks(compilation, portion, k, place)
             continue
         first = _firsts(portion)[bad[0]]
         x, y, z = portion.position[first].tolist()
@@ -94,7 +94,7 @@ def _inside(model: Source, solid: str) -> str:
     return names[0] if len(names) == 1 else f"[{', '.join(names)}]"
 
 
-def _warn_of_nests(compilation: Compilation, portion: Portion, k: int, place: str) -> None:
+def _warn_of_stacks(compilation: Compilation, portion: Portion, k: int, place: str) -> None:
     """Warn where light leaves, later on, a solid that holds the source and that it never entered.
 
     So does light from a pocket: it leaves the solid in which its source stands, and then the one

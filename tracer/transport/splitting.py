@@ -30,7 +30,6 @@ from tracer.transport.buffers import (
     LIVE,
     MEDIUM,
     N_RECORDS,
-    NEST,
     OWN,
     OWN_BODY,
     OWN_TRIANGLE,
@@ -38,6 +37,7 @@ from tracer.transport.buffers import (
     RAYS,
     RECORDS,
     RNG,
+    STACK,
     WEIGHT,
     Buffers,
     Workspace,
@@ -187,18 +187,18 @@ def twin_code(twins: Twins | None) -> int:
 
 @inline_kernel
 def release_twin(
-    twins: Twins | None, b: Buffers, ray: int, r: int, at: Fork, nest: int, medium: int,
+    twins: Twins | None, b: Buffers, ray: int, r: int, at: Fork, stack: int, medium: int,
     state: np.uint64,
 ) -> int:  # fmt: skip
     """Put the part that turned off behind the live rays; its number in the block."""
     if twins is None:
         return 0
-    return _release(twins, b, ray, r, at, nest, medium, state)
+    return _release(twins, b, ray, r, at, stack, medium, state)
 
 
 @inner_kernel
 def _release(
-    twins: Twins, b: Buffers, ray: int, r: int, at: Fork, nest: int, medium: int, state: np.uint64
+    twins: Twins, b: Buffers, ray: int, r: int, at: Fork, stack: int, medium: int, state: np.uint64
 ) -> int:
     live_f, live_i = b.live_f, b.live_i
     i = b.counters[LIVE] + twins.spawned[0]
@@ -226,7 +226,7 @@ def _release(
     live_i[OWN, i], live_i[KEY, i] = at.face, 2 * at.face + (1 if d[at.axis] >= 0.0 else 0)
     if len(live_i) > OWN_BODY:
         live_i[OWN_BODY, i], live_i[OWN_TRIANGLE, i] = at.body, at.triangle
-    live_i[NEST, i], live_i[MEDIUM, i] = nest, medium
+    live_i[STACK, i], live_i[MEDIUM, i] = stack, medium
     live_i[CODE, i] = twins.outcome[T_CODE]
     # A stream of its own, keyed by that of the ray and by its number in the emission
     live_i[RNG, i] = np.int64(stream_state(np.int64(state), twins.emitted[emission]))

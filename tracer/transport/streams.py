@@ -48,15 +48,15 @@ from tracer.transport.buffers import (
     LIVE,
     MEDIUM,
     N_RECORDS,
-    NEST,
     OWN,
     RAY,
     RECORDS,
     RNG,
+    STACK,
     Buffers,
     T,
 )
-from tracer.transport.nests import enter_body, leave_body, top_body
+from tracer.transport.medium_stack import enter_body, leave_body, top_body
 from tracer.transport.records import RecordColumns, whole, write_words
 from tracer.transport.refraction import (
     AFTER,
@@ -105,12 +105,12 @@ class _Columns(NamedTuple):
 
 
 class _Leg(NamedTuple):
-    """How far a stream is: the face it meets or stands on, its departure, nest and medium, records
+    """How far a stream is: the face it meets or stands on, its departure, stack and medium, records
     written of each ray, row of the distances."""
 
     face: int
     key: int
-    nest: int
+    stack: int
     medium: int
     legs: int
     row: Integer
@@ -133,7 +133,7 @@ def follow_settled(
     for medium in range(len(scene.medium_i)):
         mixed = mixed and scene.medium_i[medium, M_DISPERSIVE] == 0
     kept, size, deepest = number(0), number(0), number(0)
-    nest, medium = number(-1), number(-1)
+    stack, medium = number(-1), number(-1)
     for j in range(m):
         hit = bundle_i[BUNDLE_CODE + row, j]
         i = unsigned(bundle_i[BUNDLE_SLOT, j])
@@ -149,11 +149,11 @@ def follow_settled(
             continue
         met = hit if hit < n_faces else hit - n_faces
         if size == 0:
-            nest, medium = live_i[NEST, i], live_i[MEDIUM, i]
+            stack, medium = live_i[STACK, i], live_i[MEDIUM, i]
         code, count = live_i[CODE, i], ray_i[N_RECORDS, unsigned(live_i[RAY, i])]
         if (
             met == face
-            and live_i[NEST, i] == nest
+            and live_i[STACK, i] == stack
             and live_i[MEDIUM, i] == medium
             and (code < n_channels or mixed)
             and count < depth
@@ -173,13 +173,13 @@ def follow_settled(
             live_f[T, i] = bundle_f[DISTANCE + row, j]
             live_i[HIT, i] = met
     if size > 0:
-        _follow(scene, b, face, nest, medium, size, depth - deepest)
+        _follow(scene, b, face, stack, medium, size, depth - deepest)
     return kept
 
 
 @inner_kernel
 def _follow(
-    scene: Faces, b: Buffers, face: int, nest: int, medium: int, size: int, most: int
+    scene: Faces, b: Buffers, face: int, stack: int, medium: int, size: int, most: int
 ) -> None:
     """Follow a stream of rays that meet ``face``, for at most ``most`` records."""
     f, g = b.stream_f, b.stream_i
@@ -188,7 +188,7 @@ def _follow(
     while True:
         # Find out where the first ray goes if it crosses
         beyond, inward = _cross(
-            scene.face_i, scene.face_f, scene.body_i, face, nest,
+            scene.face_i, scene.face_f, scene.body_i, face, stack,
             f[0, 0] + f[DISTANCE + row, 0] * f[3, 0], f[1, 0] + f[DISTANCE + row, 0] * f[4, 0],
             f[2, 0] + f[DISTANCE + row, 0] * f[5, 0], f[3, 0], f[4, 0], f[5, 0],
         )  # fmt: skip
@@ -202,9 +202,11 @@ def _follow(
         reflectance(scene.surface_i, scene.surface_f, scene.face_i[face, F_SURFACE], f, size)
         choose(f, size, inward)
         turn(f, size)
-        size, along = _cross_over(scene, b, face, key, nest, medium, other, beyond, legs, row, size)
+        size, along = _cross_over(
+            scene, b, face, key, stack, medium, other, beyond, legs, row, size
+        )
         legs += 1
-        nest, medium = beyond, other
+        stack, medium = beyond, other
         key = 2 * face + along
         row = number(0)
         listed = scene.list_of[key]
@@ -220,25 +222,25 @@ def _follow(
                 scene.face_i[face, F_KIND], scene.face_f, face, scene.pool, f, g, row, size
             )
             row = 1 - row
-        leg = _Leg(face, key, nest, medium, legs, row)
+        leg = _Leg(face, key, stack, medium, legs, row)
         size = _keep_met(scene.settle, columns, leg, listed, target, size)
         if size < _FEW:
             break
-    leg = _Leg(face, key, nest, medium, legs, row)
+    leg = _Leg(face, key, stack, medium, legs, row)
     for j in range(size):
         _put_back(columns, j, leg)
 
 
 @inner_kernel
 def _cross(
-    face_i: I64, face_f: F64, body_i: I64, face: int, nest: int, x: float, y: float, z: float,
+    face_i: I64, face_f: F64, body_i: I64, face: int, stack: int, x: float, y: float, z: float,
     dx: float, dy: float, dz: float,
 ) -> tuple[int, bool]:  # fmt: skip
-    """Nest beyond a face, -1 where that needs a closer look; whether the ray is on its way in."""
+    """Medium stack beyond a face, -1 if that needs a closer look; whether the ray enters."""
     nx, ny, nz = face_normal(face_i[face, F_KIND], face_f, face, None, x, y, z)
     inward = dx * nx + dy * ny + dz * nz < 0.0
     inside, outside = face_i[face, F_INSIDE], face_i[face, F_OUTSIDE]
-    beyond = nest
+    beyond = stack
     if inside < 0:
         return -1, inward
     if inward:
@@ -250,14 +252,14 @@ def _cross(
         beyond = leave_body(beyond, inside, body_i)
         if beyond >= 0 and outside >= 0:
             beyond = enter_body(beyond, outside, body_i)
-    if beyond >= 0 and top_body(beyond, body_i) == top_body(nest, body_i):
+    if beyond >= 0 and top_body(beyond, body_i) == top_body(stack, body_i):
         beyond = -1
     return beyond, inward
 
 
 @inner_kernel
 def _cross_over(
-    scene: Faces, b: Buffers, face: int, key: int, nest: int, medium: int, other: int,
+    scene: Faces, b: Buffers, face: int, key: int, stack: int, medium: int, other: int,
     beyond: int, legs: int, row: Integer, size: int,
 ) -> tuple[int, int]:  # fmt: skip
     """Move the rays onto the face; keep those that cross and put back the others.
@@ -268,7 +270,7 @@ def _cross_over(
     columns = _Columns(f, g, b.live_f, b.live_i, b.ray_i)
     for j in range(size - 1, -1, -1):
         if f[OUTCOME, j] == OTHER_SIDE:
-            _put_back(columns, j, _Leg(face, key, nest, medium, legs, row))
+            _put_back(columns, j, _Leg(face, key, stack, medium, legs, row))
             size -= 1
             _fill(f, g, j, size, number(OUTCOME))
     if b.counters[COUNTING] == 0:
@@ -298,7 +300,7 @@ def _cross_over(
         crosses = f[OUTCOME, j] == CROSSES
         if not crosses or along != sense:
             leg = _Leg(
-                face, 2 * face + along, beyond if crosses else nest, other if crosses else medium,
+                face, 2 * face + along, beyond if crosses else stack, other if crosses else medium,
                 legs + 1, row,
             )  # fmt: skip
             _put_back(columns, j, leg)
@@ -391,7 +393,7 @@ def _put_back(columns: _Columns, j: int, leg: _Leg) -> None:
     for k in range(6):
         live_f[k, i] = f[k, j]
     live_i[OWN, i], live_i[KEY, i] = leg.key >> 1, leg.key
-    live_i[NEST, i], live_i[MEDIUM, i] = leg.nest, leg.medium
+    live_i[STACK, i], live_i[MEDIUM, i] = leg.stack, leg.medium
     live_i[RNG, i], live_i[LAST, i] = g[STREAM_RNG, j], g[_LAST, j]
     live_i[HIT, i] = DONE
     columns.ray_i[N_RECORDS, unsigned(g[_RAY, j])] += leg.legs
