@@ -89,11 +89,11 @@ from tracer.transport.meetings import (
 from tracer.transport.records import ENDING, Record, RecordColumns, write_record
 from tracer.transport.splitting import (
     Fork,
-    Twins,
-    gather_twins,
-    release_twin,
-    twin_code,
-    twin_event,
+    SplitRays,
+    gather_split_rays,
+    release_split_ray,
+    split_code,
+    split_event,
 )
 from tracer.transport.streams import DONE
 from tracer.transport.weighted.balance import Flight
@@ -197,11 +197,11 @@ def place_block(
 
 
 @stage_kernel
-def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int) -> None:
+def interact(scene: CompiledScene, b: Buffers, split: SplitRays | None, follow: int) -> None:
     """Bring every live ray to the end of its segment; keep those that go on.
 
     ``follow`` = 0 chooses at random; 1 takes the transmitted ray wherever there is one. Rays split
-    where there are ``twins``.
+    with room for them in ``split``.
     """
     face_i, face_f, body_i = scene.face_i, scene.face_f, scene.body_i
     medium_i, medium_f, tables = scene.medium_i, scene.medium_f, scene.tables
@@ -340,7 +340,7 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
                     if shading > 0.0:
                         sx, sy, sz = -sx, -sy, -sz
                     happened, crosses, dx, dy, dz, code, state, weight = meet(
-                        rare, twins, arrives, optics, tables, at, Way(dx, dy, dz, sx, sy, sz),
+                        rare, split, arrives, optics, tables, at, Way(dx, dy, dz, sx, sy, sz),
                         Light(code, colors, counters, state), follow,
                     )  # fmt: skip
                     event |= happened
@@ -369,7 +369,7 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
         if not ignored:
             if ray_i[N_RECORDS, unsigned(ray)] >= depth and event & ENDING == 0:
                 event = (event & RIM_HIT) | DEPTH_LIMIT
-            turned_off = twin_event(twins, event)
+            turned_off = split_event(split, event)
             event, weight, state = end_faint_ray(rare, event, weight, state)
             point = Record(x, y, z, nx, ny, nz, obj, triangle, event, medium, code, ray)
             write_record(columns, r, point)
@@ -382,10 +382,12 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
                 fork = Fork(
                     x, y, z, nx, ny, nz, cosine, face, face_i[face, F_AXIS], own_body, own_triangle
                 )
-                twin = release_twin(twins, b, ray, r, fork, stack_before, medium_before, state)
+                split_ray = release_split_ray(
+                    split, b, ray, r, fork, stack_before, medium_before, state
+                )
                 point = Record(
                     x, y, z, nx, ny, nz, obj, triangle, turned_off, medium_before,
-                    twin_code(twins), twin,
+                    split_code(split), split_ray,
                 )  # fmt: skip
                 write_record(columns, r, point)
                 if len(exact) > 0:
@@ -406,7 +408,7 @@ def interact(scene: CompiledScene, b: Buffers, twins: Twins | None, follow: int)
         live_i[RNG, k] = np.int64(state)
         live_i[RAY, k], live_i[LAST, k] = ray, last
         kept += 1
-    counters[LIVE] = gather_twins(twins, b, kept)
+    counters[LIVE] = gather_split_rays(split, b, kept)
     counters[RECORDS] = r
 
 

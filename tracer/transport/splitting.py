@@ -1,10 +1,10 @@
 """Splitting: one emission becomes several rays, each with a share of its light.
 
-Where a ray splits, the part that turns off is noted (`Twins.direction`, ``outcome``) by the surface
-and becomes a ray of its own once the record of the point is written: it inherits the records of
-the ray before that point and writes its own from there. Rays of a block are numbered as they come
-to be, so a ray stands behind the one that it stems from; their order within an emission does not
-depend on the other emissions of the block.
+Where a ray splits, the part that turns off is noted (`SplitRays.direction`, ``outcome``) by the
+surface and becomes a ray of its own once the record of the point is written: it inherits the
+records of the ray before that point and writes its own from there. Rays of a block are numbered as
+they come to be, so a ray stands behind the one that it stems from; their order within an emission
+does not depend on the other emissions of the block.
 """
 
 from __future__ import annotations
@@ -47,24 +47,24 @@ from tracer.transport.buffers import (
 
 __all__ = [
     "Fork",
-    "Twins",
+    "SplitRays",
     "find_ray_order",
-    "gather_twins",
+    "gather_split_rays",
     "has_room",
-    "keep_twin",
-    "make_twins",
-    "release_twin",
+    "may_split",
+    "make_split_rays",
+    "release_split_ray",
     "start_emissions",
-    "twin_code",
-    "twin_event",
+    "split_code",
+    "split_event",
     "widen",
 ]
 
-# Entries of Twins.outcome
+# Entries of SplitRays.outcome
 T_PENDING, T_EVENT, T_CODE = range(3)
 
-# Rows of Twins.rays: reflections that have split the ray off, its emission in the block, the ray
-# that it stems from (-1 none), records that it has from that one
+# Rows of SplitRays.rays: reflections that have split the ray off, its emission in the block, the
+# ray that it stems from (-1 none), records that it has from that one
 LEVEL, EMISSION, PARENT, INHERITED = range(4)
 
 _CHOICE = int(
@@ -83,7 +83,7 @@ _CHOICE = int(
 Array = TypeVar("Array", bound=NDArray[np.generic])
 
 
-class Twins(NamedTuple):
+class SplitRays(NamedTuple):
     """What splitting keeps beside the buffers of a block.
 
     direction (4,), outcome (4,) : the part that turns off here, direction and weight, and T_…
@@ -116,9 +116,9 @@ class Fork(NamedTuple):
     triangle: int
 
 
-def make_twins(block: int, rays: int) -> Twins:
+def make_split_rays(block: int, rays: int) -> SplitRays:
     """Room for blocks of ``block`` emissions, and ``rays`` rays at first."""
-    return Twins(
+    return SplitRays(
         direction=np.zeros(4),
         outcome=np.zeros(4, np.int64),
         rays=np.zeros((4, rays), np.int32),
@@ -128,33 +128,33 @@ def make_twins(block: int, rays: int) -> Twins:
 
 
 @lean_kernel
-def start_emissions(twins: Twins, n: int, counters: I64) -> None:
+def start_emissions(split: SplitRays, n: int, counters: I64) -> None:
     """Each of the ``n`` rays just emitted is an emission of its own."""
     for i in range(n):
-        twins.rays[LEVEL, i] = 0
-        twins.rays[EMISSION, i] = i
-        twins.rays[PARENT, i] = -1
-        twins.rays[INHERITED, i] = 0
-        twins.emitted[i] = 1
-    twins.spawned[0] = 0
-    twins.outcome[T_PENDING] = 0
+        split.rays[LEVEL, i] = 0
+        split.rays[EMISSION, i] = i
+        split.rays[PARENT, i] = -1
+        split.rays[INHERITED, i] = 0
+        split.emitted[i] = 1
+    split.spawned[0] = 0
+    split.outcome[T_PENDING] = 0
     counters[RAYS] = n
 
 
 @inline_kernel
-def keep_twin(rare: RareLight, twins: Twins | None, ray: int) -> bool:
+def may_split(rare: RareLight, split: SplitRays | None, ray: int) -> bool:
     """Whether a ray may split: not too often yet, and its emission has not too many rays."""
-    if twins is None:
+    if split is None:
         return False
-    if twins.rays[LEVEL, ray] >= rare.settings[R_SPLITS]:
+    if split.rays[LEVEL, ray] >= rare.settings[R_SPLITS]:
         return False
-    return bool(twins.emitted[twins.rays[EMISSION, ray]] < rare.settings[R_RAYS])
+    return bool(split.emitted[split.rays[EMISSION, ray]] < rare.settings[R_RAYS])
 
 
 @inline_kernel
-def has_room(twins: Twins | None, b: Buffers, n: int, meetings: int) -> bool:
+def has_room(split: SplitRays | None, b: Buffers, n: int, meetings: int) -> bool:
     """Whether no buffer can overflow in the next step of ``n`` rays."""
-    if twins is None:
+    if split is None:
         return bool(
             b.counters[RECORDS] + n <= len(b.words)
             and b.counters[DESCRIPTORS] + n * meetings <= len(b.meeting_t)
@@ -165,54 +165,55 @@ def has_room(twins: Twins | None, b: Buffers, n: int, meetings: int) -> bool:
         and b.counters[DESCRIPTORS] + n * meetings <= len(b.meeting_t)
         and b.counters[COLORS] + 8 * n <= len(b.colors)
         and 2 * n <= b.live_f.shape[1]
-        and b.counters[RAYS] + n <= twins.rays.shape[1]
+        and b.counters[RAYS] + n <= split.rays.shape[1]
     )
 
 
 @inline_kernel
-def twin_event(twins: Twins | None, event: int) -> int:
+def split_event(split: SplitRays | None, event: int) -> int:
     """Event of the part that turned off at a point where the ray has ``event``; 0 none."""
-    if twins is None:
+    if split is None:
         return 0
-    if twins.outcome[T_PENDING] == 0:
+    if split.outcome[T_PENDING] == 0:
         return 0
-    return int((event & ~_CHOICE) | twins.outcome[T_EVENT])
+    return int((event & ~_CHOICE) | split.outcome[T_EVENT])
 
 
 @inline_kernel
-def twin_code(twins: Twins | None) -> int:
+def split_code(split: SplitRays | None) -> int:
     """Colour code of that part."""
-    return 0 if twins is None else int(twins.outcome[T_CODE])
+    return 0 if split is None else int(split.outcome[T_CODE])
 
 
 @inline_kernel
-def release_twin(
-    twins: Twins | None, b: Buffers, ray: int, r: int, at: Fork, stack: int, medium: int,
+def release_split_ray(
+    split: SplitRays | None, b: Buffers, ray: int, r: int, at: Fork, stack: int, medium: int,
     state: np.uint64,
 ) -> int:  # fmt: skip
     """Put the part that turned off behind the live rays; its number in the block."""
-    if twins is None:
+    if split is None:
         return 0
-    return _release(twins, b, ray, r, at, stack, medium, state)
+    return _release(split, b, ray, r, at, stack, medium, state)
 
 
 @inner_kernel
 def _release(
-    twins: Twins, b: Buffers, ray: int, r: int, at: Fork, stack: int, medium: int, state: np.uint64
-) -> int:
+    split: SplitRays, b: Buffers, ray: int, r: int, at: Fork, stack: int, medium: int,
+    state: np.uint64,
+) -> int:  # fmt: skip
     live_f, live_i = b.live_f, b.live_i
-    i = b.counters[LIVE] + twins.spawned[0]
-    twins.spawned[0] += 1
+    i = b.counters[LIVE] + split.spawned[0]
+    split.spawned[0] += 1
     number = b.counters[RAYS]
     b.counters[RAYS] = number + 1
-    emission = twins.rays[EMISSION, ray]
-    twins.rays[LEVEL, number] = twins.rays[LEVEL, ray] + 1
-    twins.rays[EMISSION, number] = emission
-    twins.rays[PARENT, number] = ray
-    twins.rays[INHERITED, number] = b.ray_i[N_RECORDS, ray] - 1
-    twins.outcome[T_PENDING] = 0
+    emission = split.rays[EMISSION, ray]
+    split.rays[LEVEL, number] = split.rays[LEVEL, ray] + 1
+    split.rays[EMISSION, number] = emission
+    split.rays[PARENT, number] = ray
+    split.rays[INHERITED, number] = b.ray_i[N_RECORDS, ray] - 1
+    split.outcome[T_PENDING] = 0
     live_f[0, i], live_f[1, i], live_f[2, i] = at.x, at.y, at.z
-    d = twins.direction
+    d = split.direction
     along = d[0] * at.nx + d[1] * at.ny + d[2] * at.nz
     if along * at.cosine > 0.0:
         # Keep to the side of the triangle from which the light came
@@ -227,39 +228,39 @@ def _release(
     if len(live_i) > OWN_BODY:
         live_i[OWN_BODY, i], live_i[OWN_TRIANGLE, i] = at.body, at.triangle
     live_i[STACK, i], live_i[MEDIUM, i] = stack, medium
-    live_i[CODE, i] = twins.outcome[T_CODE]
+    live_i[CODE, i] = split.outcome[T_CODE]
     # A stream of its own, keyed by that of the ray and by its number in the emission
-    live_i[RNG, i] = np.int64(stream_state(np.int64(state), twins.emitted[emission]))
-    twins.emitted[emission] += 1
+    live_i[RNG, i] = np.int64(stream_state(np.int64(state), split.emitted[emission]))
+    split.emitted[emission] += 1
     live_i[RAY, i], live_i[LAST, i] = number, r
     b.ray_i[N_RECORDS, number] = b.ray_i[N_RECORDS, ray]
     return int(number)
 
 
 @inline_kernel
-def gather_twins(twins: Twins | None, b: Buffers, kept: int) -> int:
+def gather_split_rays(split: SplitRays | None, b: Buffers, kept: int) -> int:
     """Move the rays that came to be in this step behind those that go on."""
-    if twins is None:
+    if split is None:
         return kept
-    return _gather(twins, b, kept)
+    return _gather(split, b, kept)
 
 
 @inner_kernel
-def _gather(twins: Twins, b: Buffers, kept: int) -> int:
+def _gather(split: SplitRays, b: Buffers, kept: int) -> int:
     first = b.counters[LIVE]
-    for j in range(twins.spawned[0]):
+    for j in range(split.spawned[0]):
         for k in range(len(b.live_f)):
             b.live_f[k, kept] = b.live_f[k, first + j]
         for k in range(len(b.live_i)):
             b.live_i[k, kept] = b.live_i[k, first + j]
         kept += 1
-    twins.spawned[0] = 0
+    split.spawned[0] = 0
     return kept
 
 
 @lean_kernel
 def find_ray_order(
-    b: Buffers, twins: Twins, n: int, place: I64, start: I64, ray_of: I64, order: I32
+    b: Buffers, split: SplitRays, n: int, place: I64, start: I64, ray_of: I64, order: I32
 ) -> None:
     """Where the rays and records of a finished block of ``n`` emissions go.
 
@@ -273,10 +274,10 @@ def find_ray_order(
     n_rays = b.counters[RAYS]
     place[0] = 0
     for e in range(n):
-        place[e + 1] = place[e] + twins.emitted[e]
+        place[e + 1] = place[e] + split.emitted[e]
     # Rays of an emission stand as they came to be; the oldest ones first
     for ray in range(n_rays):
-        e = twins.rays[EMISSION, ray]
+        e = split.rays[EMISSION, ray]
         ray_of[place[e]] = ray
         place[e] += 1
     for e in range(n, 0, -1):
@@ -288,19 +289,19 @@ def find_ray_order(
         total += b.ray_i[N_RECORDS, ray_of[k]]
     # Own records of every ray, in the order of time, behind those that it inherits
     for ray in range(n_rays):
-        b.ray_i[N_RECORDS, ray] = twins.rays[INHERITED, ray]
+        b.ray_i[N_RECORDS, ray] = split.rays[INHERITED, ray]
     for r in range(b.counters[RECORDS]):
         ray = b.owners[r] & (COUNTED - 1)
         order[start[ray] + b.ray_i[N_RECORDS, ray]] = r
         b.ray_i[N_RECORDS, ray] += 1
     # An older ray is complete when a younger one inherits from it
     for ray in range(n_rays):
-        parent = twins.rays[PARENT, ray]
-        for k in range(twins.rays[INHERITED, ray]):
+        parent = split.rays[PARENT, ray]
+        for k in range(split.rays[INHERITED, ray]):
             order[start[ray] + k] = order[start[parent] + k]
 
 
-def widen(workspace: Workspace, twins: Twins) -> Twins:
+def widen(workspace: Workspace, split: SplitRays) -> SplitRays:
     """Grow what a step of a splitting block could overfill, beyond `Workspace.make_room`."""
     b = workspace.buffers
     n, rays = int(b.counters[LIVE]), int(b.counters[RAYS])
@@ -310,13 +311,13 @@ def widen(workspace: Workspace, twins: Twins) -> Twins:
         b = b._replace(colors=grown(b.colors))
     while 2 * n > b.live_f.shape[1]:
         b = b._replace(live_f=_wider(b.live_f), live_i=_wider(b.live_i), order=grown(b.order))
-    while rays + n > twins.rays.shape[1]:
-        twins = twins._replace(rays=_wider(twins.rays))
-    if twins.rays.shape[1] > b.ray_i.shape[1]:
-        more = twins.rays.shape[1] - b.ray_i.shape[1]
+    while rays + n > split.rays.shape[1]:
+        split = split._replace(rays=_wider(split.rays))
+    if split.rays.shape[1] > b.ray_i.shape[1]:
+        more = split.rays.shape[1] - b.ray_i.shape[1]
         b = b._replace(ray_i=np.pad(b.ray_i, ((0, 0), (0, more))), ray_f=np.pad(b.ray_f, (0, more)))
     workspace.buffers = b
-    return twins
+    return split
 
 
 def _wider(array: Array) -> Array:

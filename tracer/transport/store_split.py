@@ -10,7 +10,7 @@ from raymap.jit.kernels import lean_kernel
 from raymap.jit.types import I32, I64
 from tracer.rays.colors import COLORS
 from tracer.transport.buffers import COUNT, DESCRIPTORS, N_RECORDS, RAYS, Buffers
-from tracer.transport.splitting import Twins, find_ray_order
+from tracer.transport.splitting import SplitRays, find_ray_order
 from tracer.transport.store import Columns, copy_records
 
 __all__ = ["SplitBlock", "order_split_block", "store_split_block"]
@@ -26,12 +26,12 @@ class SplitBlock(NamedTuple):
     n_descriptors: int
 
 
-def order_split_block(b: Buffers, twins: Twins, n: int) -> SplitBlock:
+def order_split_block(b: Buffers, split: SplitRays, n: int) -> SplitBlock:
     """Rays of a block of ``n`` emissions, emission after emission, with inherited records."""
     counts = b.ray_i[N_RECORDS, : int(b.counters[RAYS])].copy()
     ray = np.empty(len(counts), np.int64)
     order = np.empty(int(counts.sum()), np.int32)
-    find_ray_order(b, twins, n, np.empty(n + 1, np.int64), np.empty_like(ray), ray, order)
+    find_ray_order(b, split, n, np.empty(n + 1, np.int64), np.empty_like(ray), ray, order)
     described = int(b.words[order, COUNT].sum()) if b.counters[DESCRIPTORS] else 0
     return SplitBlock(ray, counts[ray], order, described)
 

@@ -36,7 +36,7 @@ from tracer.transport.buffers import (
 )
 from tracer.transport.interact import emit_block, interact, place_block
 from tracer.transport.intersect import nearest_hits
-from tracer.transport.splitting import Twins, has_room, make_twins, start_emissions, widen
+from tracer.transport.splitting import SplitRays, has_room, make_split_rays, start_emissions, widen
 from tracer.transport.store import Columns, store_block
 from tracer.transport.store_split import order_split_block, store_split_block
 
@@ -79,7 +79,7 @@ class Solids(NamedTuple):
 @lean_kernel
 def run_steps(
     stages: Stages, scene: CompiledScene, faces: Faces, meshes: Solids | None, b: Buffers,
-    twins: Twins | None, follow: int, seed: int, first_ray: int, n_rays: int,
+    split: SplitRays | None, follow: int, seed: int, first_ray: int, n_rays: int,
 ) -> bool:  # fmt: skip
     """Trace until no ray is alive (True) or a buffer could overflow in the next step (False).
 
@@ -88,18 +88,18 @@ def run_steps(
     counters = b.counters
     if n_rays > 0:
         call_at(stages.emit, (scene, seed, first_ray, n_rays, b))
-        if twins is not None:
-            start_emissions(twins, n_rays, counters)
+        if split is not None:
+            start_emissions(split, n_rays, counters)
     meetings = len(scene.detector_i) + 1
     refract = follow == 0 and meshes is None
     while counters[LIVE] > 0:
         n = counters[LIVE]
-        if not has_room(twins, b, n, meetings):
+        if not has_room(split, b, n, meetings):
             return False
         call_at(stages.hits, (faces, b, n, refract))
         if meshes is not None:
             call_at(stages.solids, (meshes.arrays, meshes.first_face, meshes.scratch, b, n))
-        call_at(stages.interact, (scene, b, twins, follow))
+        call_at(stages.interact, (scene, b, split, follow))
     return True
 
 
@@ -176,7 +176,7 @@ class Wavefront:
             self._run(workspace, 0, first_ray + start, n)
             records += int(counters[RECORDS])
             if self.splits:
-                assembly.store_split(workspace, self._local.twins, n)
+                assembly.store_split(workspace, self._local.split_rays, n)
             else:
                 assembly.store(workspace, n, counted=counted)
         emitted = emitted_counts(self.scene.pattern, len(self.scene.source_i), first_ray, n_rays)
@@ -227,13 +227,13 @@ class Wavefront:
     def _run(self, workspace: Workspace, follow: int, first_ray: int = 0, n_rays: int = 0) -> None:
         stages = self._stages(workspace.buffers, emits=n_rays > 0)
         while not run_steps(
-            stages, self.scene, self.faces, self._solids(), workspace.buffers, self._twins(),
+            stages, self.scene, self.faces, self._solids(), workspace.buffers, self._split_rays(),
             follow, self.seed, first_ray, n_rays,
         ):  # fmt: skip
             n_rays = 0
             workspace.make_room(self.scene)
             if self.splits:
-                self._local.twins = widen(workspace, self._local.twins)
+                self._local.split_rays = widen(workspace, self._local.split_rays)
 
     def tasks(self) -> list[Task]:
         """What is to be compiled before rays can be traced, the longest task first."""
@@ -249,7 +249,7 @@ class Wavefront:
             task(store_block, 0, 0, b, assembly.columns, filled, few, few, False),
             task(
                 run_steps, Stages(0, 0, 0, 0), self.scene, self.faces, self._solids(), b,
-                self._twins(), 0, 0, 0, 0,
+                self._split_rays(), 0, 0, 0, 0,
             ),
         ]  # fmt: skip
 
@@ -257,7 +257,7 @@ class Wavefront:
         """The stages of a step in the order of `Stages`."""
         tasks = [
             task(nearest_hits, self.faces, b, 0, True),
-            task(interact, self.scene, b, self._twins(), 0),
+            task(interact, self.scene, b, self._split_rays(), 0),
         ]
         solids = self._solids()
         if solids is not None:
@@ -293,15 +293,15 @@ class Wavefront:
             self._local.stages = self._local.stages._replace(emit=emission)
         return self._local.stages  # type: ignore[no-any-return]
 
-    def _twins(self) -> Twins | None:
-        return self._local.twins if self.splits else None
+    def _split_rays(self) -> SplitRays | None:
+        return self._local.split_rays if self.splits else None
 
     def _buffers(self) -> tuple[Workspace, _Assembly]:
         if not hasattr(self._local, "workspace"):
             self._local.workspace = Workspace.create(self.scene, self.block, exact=self.exact)
             self._local.assembly = _Assembly(self.scene, exact=self.exact)
             if self.splits:
-                self._local.twins = make_twins(self.block, self.block)
+                self._local.split_rays = make_split_rays(self.block, self.block)
         return self._local.workspace, self._local.assembly
 
 
@@ -358,10 +358,10 @@ class _Assembly:
             counted,
         )  # fmt: skip
 
-    def store_split(self, workspace: Workspace, twins: Twins, n: int) -> None:
+    def store_split(self, workspace: Workspace, split: SplitRays, n: int) -> None:
         """Append a finished block of ``n`` emissions that have split into rays."""
         b = workspace.buffers
-        block = order_split_block(b, twins, n)
+        block = order_split_block(b, split, n)
         self._reserve(
             int(self.filled[_RAYS]) + len(block.ray),
             int(self.filled[_RECORDS]) + len(block.order),
@@ -369,7 +369,7 @@ class _Assembly:
             int(max(self.filled[_COLORS], self.n_sources) + b.counters[COLORS]),
         )
         store_split_block(block, b, self.n_sources, self.columns, self.filled)
-        self._counts.append(twins.emitted[:n].copy())
+        self._counts.append(split.emitted[:n].copy())
 
     def counts(self) -> NDArray[np.int32]:
         """Rays of every emission."""

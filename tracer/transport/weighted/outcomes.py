@@ -42,7 +42,7 @@ from tracer.surfaces.interaction import (
 )
 from tracer.surfaces.meeting import meet_by_kind, meet_surface
 from tracer.surfaces.mirror import reflect_at_mirror
-from tracer.transport.splitting import Twins
+from tracer.transport.splitting import SplitRays
 from tracer.transport.weighted.balance import Flight, aim_scattered, thin_out
 from tracer.transport.weighted.ray import Weighted, WeightedRay
 from tracer.transport.weighted.scattered import scatter_aimed, scatter_if_any
@@ -57,7 +57,7 @@ _VOLUME_SCATTER = int(Event.VOLUME_SCATTER)
 
 @inline_kernel
 def meet(
-    rare: RareLight | None, twins: Twins | None, ray: WeightedRay, optics: Optics,
+    rare: RareLight | None, split: SplitRays | None, ray: WeightedRay, optics: Optics,
     tables: F64 | None, at: Interface, way: Way, light: Light, follow: int,
 ) -> Weighted:  # fmt: skip
     """Let a ray meet a surface: as `meet_surface` in the analog mode, where its weight stays."""
@@ -66,7 +66,7 @@ def meet(
             optics, tables, at, way, light, follow
         )
         return happened, crosses, dx, dy, dz, code, state, ray.weight
-    return _meet_weighted(rare, twins, ray, optics, tables, at, way, light)
+    return _meet_weighted(rare, split, ray, optics, tables, at, way, light)
 
 
 @inline_kernel
@@ -94,12 +94,12 @@ def end_faint_ray(
 
 @inline_kernel
 def _meet_weighted(
-    rare: RareLight, twins: Twins | None, ray: WeightedRay, optics: Optics, tables: F64 | None,
+    rare: RareLight, split: SplitRays | None, ray: WeightedRay, optics: Optics, tables: F64 | None,
     at: Interface, way: Way, light: Light,
 ) -> Weighted:  # fmt: skip
     kind = optics.surface_i[at.surface, S_KIND]
     if kind == DIELECTRIC:
-        return meet_smooth(rare, twins, ray, optics, tables, at, way, light)
+        return meet_smooth(rare, split, ray, optics, tables, at, way, light)
     if kind == LAMBERTIAN:
         return scatter_aimed(rare, ray, optics, None, at, way, light)
     if tables is not None and optics.surface_i[at.surface, S_DRAW] != 0:

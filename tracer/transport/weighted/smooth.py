@@ -30,7 +30,7 @@ from tracer.surfaces.interaction import (
     reflected_way,
 )
 from tracer.surfaces.specular import smooth_shares
-from tracer.transport.splitting import T_CODE, T_EVENT, T_PENDING, Twins, keep_twin
+from tracer.transport.splitting import T_CODE, T_EVENT, T_PENDING, SplitRays, may_split
 from tracer.transport.weighted.balance import likely_enough, thin_out
 from tracer.transport.weighted.ray import Weighted, WeightedRay, with_weight
 from tracer.transport.weighted.scattered import scatter_if_any
@@ -43,7 +43,7 @@ _TOTAL = 1.0 - 1e-9
 
 @inline_kernel
 def meet_smooth(
-    rare: RareLight, twins: Twins | None, ray: WeightedRay, optics: Optics, tables: F64 | None,
+    rare: RareLight, split: SplitRays | None, ray: WeightedRay, optics: Optics, tables: F64 | None,
     at: Interface, way: Way, light: Light,
 ) -> Weighted:  # fmt: skip
     """Smooth interface: reflection with at least the set probability, or both parts.
@@ -64,7 +64,7 @@ def meet_smooth(
         r, _ = smooth_shares(optics, at, j)
         back += share * r
         chance += share * likely_enough(r, least)
-    splits = not ray.deep and 0.0 < back < _TOTAL and keep_twin(rare, twins, ray.number)
+    splits = not ray.deep and 0.0 < back < _TOTAL and may_split(rare, split, ray.number)
     # Draw the channel in which light would cross: all that crosses where the ray splits
     state = advance(light.state)
     u = uniform(state)
@@ -86,21 +86,22 @@ def meet_smooth(
     state = advance(state)
     reflects = not splits and uniform(state) < likely_enough(r, least)
     turned = reflected_way(at, way)
-    if splits and twins is not None:
+    if splits and split is not None:
         # The reflected part becomes a ray of its own
-        twin_code = recolor_reflected(optics, at, light) if select else code
+        split_code = recolor_reflected(optics, at, light) if select else code
         part = with_weight(ray, weight * back)
-        scattered, rx, ry, rz, twin_code, state, twin_weight = scatter_if_any(
-            rare, part, optics, tables, at, False, turned, Light(twin_code, colors, counters, state)
+        off = Light(split_code, colors, counters, state)
+        scattered, rx, ry, rz, split_code, state, split_weight = scatter_if_any(
+            rare, part, optics, tables, at, False, turned, off
         )
-        happened, twin_weight, state = thin_out(rare, 0, twin_weight, state)
+        happened, split_weight, state = thin_out(rare, 0, split_weight, state)
         if happened == 0:
             state = advance(state)
-            twins.direction[0], twins.direction[1], twins.direction[2] = rx, ry, rz
-            twins.direction[3] = twin_weight
-            twins.outcome[T_PENDING] = 1
-            twins.outcome[T_EVENT] = GLOSSY_REFLECTION if scattered else SPECULAR_REFLECTION
-            twins.outcome[T_CODE] = twin_code
+            split.direction[0], split.direction[1], split.direction[2] = rx, ry, rz
+            split.direction[3] = split_weight
+            split.outcome[T_PENDING] = 1
+            split.outcome[T_EVENT] = GLOSSY_REFLECTION if scattered else SPECULAR_REFLECTION
+            split.outcome[T_CODE] = split_code
     if reflects:
         event = SPECULAR_REFLECTION
         if cos2_t <= 0.0:
