@@ -175,8 +175,8 @@ class Faces(NamedTuple):
     first: I64
     face: I64
     distance: F64
-    settle: I32
-    settles: NDArray[np.uint8]
+    decided: I32
+    decides: NDArray[np.uint8]
     plain: NDArray[np.uint8]
     target: I32
     limits: I64
@@ -189,7 +189,7 @@ class CompiledScene(NamedTuple):
         where all faces are flat rings, rectangles, spheres or cylinders
     surface_i, surface_f, medium_i, medium_f, body_i, source_i, source_f, detector_i, detector_f
     pattern : deals ray numbers to sources
-    list_of, first, face, distance, settle, settles : candidate lists
+    list_of, first, face, distance, decided, decides : candidate lists
         (`tracer.scene.arrangement.candidates`)
     plain, target : faces at which streams of rays are refracted, and the place of the face for
         which those of a list are bound, -1 none (`tracer.transport.streams`)
@@ -225,8 +225,8 @@ class CompiledScene(NamedTuple):
     first: I64
     face: I64
     distance: F64
-    settle: I32
-    settles: NDArray[np.uint8]
+    decided: I32
+    decides: NDArray[np.uint8]
     plain: NDArray[np.uint8]
     target: I32
     tables: F64 | None

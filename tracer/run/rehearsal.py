@@ -48,7 +48,7 @@ def order_faces(compilation: Compilation) -> Compilation:
 
     A few rays are traced to find out, the same for every trace of the scene.
     """
-    if not compilation.departures.sortable:
+    if not compilation.start_bins.sortable:
         return compilation
     engine = Wavefront(compilation.arrays, 0, meshes=compilation.solids, weighted=True)
     rays = max(64, _PILOT_RAYS // engine.fan)
@@ -56,9 +56,9 @@ def order_faces(compilation: Compilation) -> Compilation:
 
 
 def _faces_met(compilation: Compilation, portion: Portion) -> NDArray[np.int64]:
-    """How many rays of each departure met each analytic face next, (departures, faces)."""
+    """How many rays of each start bin met each analytic face next, (start_bins, faces)."""
     arrays = compilation.arrays
-    n_faces, n_departures = len(arrays.face_i), len(arrays.list_of)
+    n_faces, n_bins = len(arrays.face_i), len(arrays.list_of)
     face = _faces_of(arrays.face_i, portion)
     # A segment starts at every record but the last one of a ray
     ends = np.cumsum(portion.records_per_ray)
@@ -66,14 +66,14 @@ def _faces_met(compilation: Compilation, portion: Portion) -> NDArray[np.int64]:
     goes_on[ends - 1] = False
     emitted[ends - portion.records_per_ray] = True
     start = np.flatnonzero(goes_on)
-    axis = compilation.departures.axes[face[start]]
+    axis = compilation.start_bins.axes[face[start]]
     step = portion.position[start + 1] - portion.position[start]
-    departure = 2 * face[start] + (step[np.arange(len(start)), axis] >= 0.0)
+    start_bin = 2 * face[start] + (step[np.arange(len(start)), axis] >= 0.0)
     source = np.repeat(portion.source, portion.records_per_ray).astype(np.int64)
-    departure[emitted[start]] = 2 * n_faces + source[start[emitted[start]]]
-    usable = (departure >= 0) & (face[start + 1] >= 0)
-    met = np.zeros((n_departures, n_faces), np.int64)
-    np.add.at(met, (departure[usable], face[start + 1][usable]), 1)
+    start_bin[emitted[start]] = 2 * n_faces + source[start[emitted[start]]]
+    usable = (start_bin >= 0) & (face[start + 1] >= 0)
+    met = np.zeros((n_bins, n_faces), np.int64)
+    np.add.at(met, (start_bin[usable], face[start + 1][usable]), 1)
     return met
 
 

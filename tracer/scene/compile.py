@@ -43,7 +43,7 @@ from tracer.description.named_files import named_file, noting_files
 from tracer.detectors.model import DetectorModel
 from tracer.geometry.kinds import ANNULUS, CYLINDER, MESH, RECTANGLE, SPHERE
 from tracer.geometry.shape_columns import ShapeColumns
-from tracer.scene.arrangement.candidates import Candidates, Departures
+from tracer.scene.arrangement.candidates import Candidates, StartBins
 from tracer.scene.arrangement.contacts import find_contacts
 from tracer.scene.arrangement.sheets import warn_of_hidden_sheets
 from tracer.scene.arrangement.touching import warn_of_touching
@@ -71,7 +71,7 @@ class Compilation:
     """A scene ready to trace: arrays for the engine, names, channels and meshes for the map.
 
     ``meshes`` are drawn; ``solids`` are the triangles that light meets, None without mesh bodies;
-    ``departures`` makes the lists of faces that a ray can meet next.
+    ``start_bins`` makes the lists of faces that a ray can meet next.
     """
 
     scene: Scene
@@ -79,12 +79,12 @@ class Compilation:
     directory: Directory
     channel_set: ChannelSet
     meshes: dict[int, DisplayMesh]
-    departures: Departures
+    start_bins: StartBins
     solids: SceneMeshes | None = None
 
     def ordered(self, met: Integers) -> Compilation:
-        """The scene with faces in the order in which rays met them (see `Departures`)."""
-        found = self.departures.candidates(met)
+        """The scene with faces in the order in which rays met them (see `StartBins`)."""
+        found = self.start_bins.candidates(met)
         return replace(self, arrays=self.arrays._replace(**_lists(found, self.arrays.plain)))
 
 
@@ -171,7 +171,7 @@ class _Compiler:
         surface_i, surface_f, tables, laws = compile_surfaces(
             faces.surface_models(), self.media, self.wavelengths, scene.origin
         )
-        departures = Departures(shapes, sources.boxes)
+        start_bins = StartBins(shapes, sources.boxes)
         rare = self._rare_light()
         plain = _plain_faces(face_i, surface_i, self.media.integers)
         if rare is not None or detectors.virtual or detectors.views is not None:
@@ -215,7 +215,7 @@ class _Compiler:
             detector_i=detectors.integers,
             detector_f=detectors.numbers,
             pattern=sources.pattern,
-            **_lists(departures.candidates(), plain),
+            **_lists(start_bins.candidates(), plain),
             plain=plain,
             tables=tables if _needs_tables(surface_i, self.media.integers) else None,
             sphere=np.array([*center, radius, *detectors.box(1e-9 * radius)]),
@@ -235,7 +235,7 @@ class _Compiler:
             directory=self._directory(center, radius, sources.fluxes),
             channel_set=self._channel_set(sources.colors, laws),
             meshes=faces.meshes,
-            departures=departures,
+            start_bins=start_bins,
             solids=faces.shelf.finish(),
         )
 
@@ -315,8 +315,8 @@ def _lists(candidates: Candidates, plain: NDArray[np.uint8]) -> dict[str, Any]:
         "first": candidates.first,
         "face": candidates.face,
         "distance": candidates.distance,
-        "settle": candidates.settle,
-        "settles": candidates.settles,
+        "decided": candidates.decided,
+        "decides": candidates.decides,
         "target": candidates.bound_for(plain),
     }
 

@@ -196,7 +196,7 @@ class FaceTable:
         )
 
     def _add_mesh(self, name: str, body: MeshBody) -> None:
-        """Names of a mesh's faces, and a place of departure for each of them."""
+        """Names of a mesh's faces, and a start bin for each of them."""
         mesh = self.shelf.place(name, body, len(self.primitives))
         self.placed[name] = mesh
         self._check_face_names(name, body, list(mesh.face_names))

@@ -42,7 +42,7 @@ T, WEIGHT = 6, 7
 # normal interpolated there
 MESH_POINT, MESH_NORMAL, MESH_SHADING, MESH_ROWS = 8, 11, 14, 17
 
-# Rows of live_i: face met next, face on which the ray stands (-1 none), departure (list of
+# Rows of live_i: face met next, face on which the ray stands (-1 none), start bin (list of
 # candidates), stack, medium, colour code, random state (bits), ray in the block,
 # its last record
 HIT, OWN, KEY, STACK, MEDIUM, CODE, RNG, RAY, LAST = range(9)
@@ -71,7 +71,7 @@ class Buffers(NamedTuple):
     """All arrays that change while a block is traced.
 
     live_f (8, block), live_i (9, block) : rays on their way, packed to the front
-    order (block,) : their slots by departure
+    order (block,) : their slots by start bin
     ray_i (1, block), ray_f (block,) : per ray its records and its final weight
     words (n, 11), real : records as they happen, and the same memory as float32
     owners (n,) : of every record the ray of the block, with `COUNTED` where the ray ends

@@ -1,7 +1,7 @@
 """Nearest analytic face of all live rays.
 
-Rays are put in bundles that start from one place (a *departure*: a face and a sense along its main
-axis, a source, a medium). For each departure the scene lists the faces that can be met, by a lower
+Rays are put in bundles that start from one place (a *start bin*: a face and a sense along its main
+axis, a source, a medium). For each start bin the scene lists the faces that can be met, by a lower
 bound of their distance; neighbours may share a list. A bundle goes down
 its list and stops once every ray has met something nearer than all that follows; stragglers are
 packed together so that they do not hold up the rest.
@@ -19,7 +19,7 @@ from tracer.compiled import F_KIND, Faces
 from tracer.geometry.nearest import DISTANCE, OWN, nearest_on_face
 from tracer.transport.buffers import BUNDLE, HIT, KEY, Buffers, T
 from tracer.transport.buffers import OWN as LIVE_OWN
-from tracer.transport.streams import follow_settled
+from tracer.transport.streams import follow_decided
 
 __all__ = ["nearest_hits"]
 
@@ -27,7 +27,7 @@ _SLOT = 3
 
 
 @inner_kernel
-def sort_by_departure(live_i: I64, list_of: I64, order: I64, n: int, bins: I64) -> None:
+def sort_by_start_bin(live_i: I64, list_of: I64, order: I64, n: int, bins: I64) -> None:
     """Order the slots of ``n`` rays by list; ``bins[k]`` becomes the end of list k."""
     for k in range(len(bins)):
         bins[k] = 0
@@ -51,8 +51,8 @@ def nearest_hits(scene: Faces, b: Buffers, n: int, refract: bool) -> None:
     live_f, live_i, bundle_f, bundle_i, bins = b.live_f, b.live_i, b.bundle_f, b.bundle_i, b.bins
     face_i, face_f, pool = scene.face_i, scene.face_f, scene.pool
     first, face, distance = scene.first, scene.face, scene.distance
-    settle, settles, n_faces = scene.settle, scene.settles, len(scene.face_i)
-    sort_by_departure(live_i, scene.list_of, b.order, n, bins)
+    decided, decides, n_faces = scene.decided, scene.decides, len(scene.face_i)
+    sort_by_start_bin(live_i, scene.list_of, b.order, n, bins)
     start = number(0)
     for listed in range(len(bins) - 1):
         stop = bins[listed]
@@ -75,12 +75,12 @@ def nearest_hits(scene: Faces, b: Buffers, n: int, refract: bool) -> None:
                 f = face[c]
                 nearest_on_face(face_i[f, F_KIND], face_f, f, pool, bundle_f, bundle_i, row, m)
                 row = 1 - row
-                if settles[c] != 0:
+                if decides[c] != 0:
                     if refract and scene.plain[f] != 0:
-                        m = follow_settled(scene, b, row, listed, c - first[listed], f, m)
+                        m = follow_decided(scene, b, row, listed, c - first[listed], f, m)
                     else:
-                        m = _keep_unsettled(
-                            live_f, live_i, bundle_f, bundle_i, row, settle, listed,
+                        m = _keep_undecided(
+                            live_f, live_i, bundle_f, bundle_i, row, decided, listed,
                             c - first[listed], n_faces, m,
                         )  # fmt: skip
                     if m == 0:
@@ -123,7 +123,7 @@ def _keep_beyond(
     live_f: F64, live_i: I64, bundle_f: F64, bundle_i: I64, row: Integer, bound: float,
     n_faces: int, m: int,
 ) -> int:  # fmt: skip
-    """Hand back the rays that are settled, pack the others."""
+    """Hand back the rays that are decided, pack the others."""
     kept = 0
     for j in range(m):
         t = bundle_f[DISTANCE + row, j]
@@ -145,16 +145,16 @@ def _keep_beyond(
 
 
 @inner_kernel
-def _keep_unsettled(
-    live_f: F64, live_i: I64, bundle_f: F64, bundle_i: I64, row: Integer, settle: I32, listed: int,
+def _keep_undecided(
+    live_f: F64, live_i: I64, bundle_f: F64, bundle_i: I64, row: Integer, decided: I32, listed: int,
     place: int, n_faces: int, m: int,
 ) -> int:  # fmt: skip
-    """Hand back the rays whose hit is settled at a place of the list, pack the others."""
+    """Hand back the rays whose hit is decided at a place of the list, pack the others."""
     kept = 0
     for j in range(m):
         code = bundle_i[1 + row, j]
         i = unsigned(bundle_i[_SLOT, j])
-        if code >= 0 and settle[listed, unsigned(code)] <= place:
+        if code >= 0 and decided[listed, unsigned(code)] <= place:
             live_f[T, i] = bundle_f[DISTANCE + row, j]
             live_i[HIT, i] = code if code < n_faces else code - n_faces
         else:

@@ -76,7 +76,7 @@ from tracer.transport.refraction import (
     turn,
 )
 
-__all__ = ["DONE", "follow_settled"]
+__all__ = ["DONE", "follow_decided"]
 
 DONE = -2
 """In place of the face that a ray meets: what happened there has been dealt with."""
@@ -105,7 +105,7 @@ class _Columns(NamedTuple):
 
 
 class _Leg(NamedTuple):
-    """How far a stream is: the face it meets or stands on, its departure, stack and medium, records
+    """How far a stream is: the face it meets or stands on, its start bin, stack and medium, records
     written of each ray, row of the distances."""
 
     face: int
@@ -117,17 +117,17 @@ class _Leg(NamedTuple):
 
 
 @inner_kernel
-def follow_settled(
+def follow_decided(
     scene: Faces, b: Buffers, row: Integer, listed: int, place: int, face: int, m: int
 ) -> int:
-    """Deal with rays of a bundle whose hit is settled; pack the others and return how many.
+    """Deal with rays of a bundle whose hit is decided; pack the others and return how many.
 
     Rays that meet ``face`` in the same medium as the first of them are followed as a stream; of the
     others hit and distance are noted.
     """
     bundle_f, bundle_i, f, g = b.bundle_f, b.bundle_i, b.stream_f, b.stream_i
     live_f, live_i, ray_i = b.live_f, b.live_i, b.ray_i
-    settle, n_faces, depth = scene.settle, len(scene.face_i), scene.limits[DEPTH]
+    decided, n_faces, depth = scene.decided, len(scene.face_i), scene.limits[DEPTH]
     n_channels = b.colors.shape[1]
     mixed = True
     for medium in range(len(scene.medium_i)):
@@ -137,7 +137,7 @@ def follow_settled(
     for j in range(m):
         hit = bundle_i[BUNDLE_CODE + row, j]
         i = unsigned(bundle_i[BUNDLE_SLOT, j])
-        if hit < 0 or settle[listed, unsigned(hit)] > place:
+        if hit < 0 or decided[listed, unsigned(hit)] > place:
             to = unsigned(kept)
             bundle_i[BUNDLE_SLOT, to] = i
             bundle_i[BUNDLE_OWN, to] = bundle_i[BUNDLE_OWN, j]
@@ -223,7 +223,7 @@ def _follow(
             )
             row = 1 - row
         leg = _Leg(face, key, stack, medium, legs, row)
-        size = _keep_met(scene.settle, columns, leg, listed, target, size)
+        size = _keep_met(scene.decided, columns, leg, listed, target, size)
         if size < _FEW:
             break
     leg = _Leg(face, key, stack, medium, legs, row)
@@ -364,11 +364,13 @@ def _start(f: F64, g: I64, face: int, size: int) -> None:
 
 
 @inner_kernel
-def _keep_met(settle: I32, columns: _Columns, leg: _Leg, listed: int, place: int, size: int) -> int:
-    """Keep the rays whose hit on the face is settled, put back the others."""
+def _keep_met(
+    decided: I32, columns: _Columns, leg: _Leg, listed: int, place: int, size: int
+) -> int:
+    """Keep the rays whose hit on the face is decided, put back the others."""
     f, g, face = columns.f, columns.g, leg.face
-    leaving = face + settle.shape[1] // 2
-    near, far = settle[listed, face] <= place, settle[listed, leaving] <= place
+    leaving = face + decided.shape[1] // 2
+    near, far = decided[listed, face] <= place, decided[listed, leaving] <= place
     for j in range(size - 1, -1, -1):
         hit = g[BUNDLE_CODE + leg.row, j]
         if not ((hit == face and near) or (hit == leaving and far)):

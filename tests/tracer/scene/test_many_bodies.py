@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from raymap.model.errors import SceneError
-from tests.tracer.transport.test_settled import crowd
+from tests.tracer.transport.test_decided import crowd
 from tracer.bodies.lens import LensBody
 from tracer.geometry.kinds import ANNULUS, CYLINDER, POLYGON, RECTANGLE, SPHERE
 from tracer.geometry.shape_columns import ShapeColumns

@@ -5,9 +5,9 @@ cannot meet what lies behind the box on that axis; and it travels at least the d
 boxes to meet a face. Both statements hold for every ray, so a list may be left as soon as all rays
 have met something nearer than the rest of it.
 
-In scenes of few faces a list also says which hits are *settled* early: those on a face before which
+In scenes of few faces a list also says which hits are *decided* early: those on a face before which
 nothing that is left in the list can be met (`tracer.scene.arrangement.precedence`). Faces that are
-likely to settle many rays come first, so most rays of a lens are tried with one or two faces.
+likely to decide many rays come first, so most rays of a lens are tried with one or two faces.
 
 In scenes of very many faces neighbours share a list: each face having its own would take memory and
 time in proportion to the square of their number.
@@ -25,7 +25,7 @@ from tracer.geometry.kinds import MESH, SPHERE
 from tracer.geometry.shape_columns import ShapeColumns
 from tracer.scene.arrangement.precedence import Precedence
 
-__all__ = ["Candidates", "Departures"]
+__all__ = ["Candidates", "StartBins"]
 
 Array = NDArray[np.float64]
 
@@ -37,15 +37,15 @@ _ENTRIES = 1 << 22
 
 
 class Candidates(NamedTuple):
-    """Candidate lists of all departures.
+    """Candidate lists of all start bins.
 
-    list_of (departures,) : number of the list of each departure
+    list_of (start_bins,) : number of the list of each start bin
     first (n + 1,) : list k is entries first[k] to first[k + 1]
     face : numbers of faces
     distance : lower bound of the distance of this entry and all that follow
-    settle (n, 2 x faces) : place in the list after which a hit on a face is settled; in the second
+    decided (n, 2 x faces) : place in the list after which a hit on a face is decided; in the second
         half hits on spheres that rays leave. (0, 0) in scenes of many faces
-    settles : whether any hit becomes settled at an entry
+    decides : whether any hit becomes decided at an entry
     likely (n,) : place in the list of the face that most rays are likely to meet, -1 unknown
     """
 
@@ -53,8 +53,8 @@ class Candidates(NamedTuple):
     first: NDArray[np.int64]
     face: NDArray[np.int64]
     distance: Array
-    settle: NDArray[np.int32]
-    settles: NDArray[np.uint8]
+    decided: NDArray[np.int32]
+    decides: NDArray[np.uint8]
     likely: NDArray[np.int32]
 
     def bound_for(self, wanted: NDArray[np.uint8]) -> NDArray[np.int32]:
@@ -67,19 +67,19 @@ class Candidates(NamedTuple):
 
 
 class _List(NamedTuple):
-    """What rays of a departure can meet.
+    """What rays of a start bin can meet.
 
     start : number of the face or source, -1 anywhere or on one of many faces
     faces : in the order in which they are tried
     distance (n,) : lower bound of the distance of each face of the scene
-    settle (2 n,) : as in `Candidates`; empty in scenes of many faces
+    decided (2 n,) : as in `Candidates`; empty in scenes of many faces
     likely : as in `Candidates`
     """
 
     start: int
     faces: NDArray[np.intp]
     distance: Array
-    settle: NDArray[np.int32]
+    decided: NDArray[np.int32]
     likely: int
 
     def bounds(self) -> Array:
@@ -87,15 +87,15 @@ class _List(NamedTuple):
         return np.minimum.accumulate(self.distance[self.faces][::-1])[::-1]
 
 
-class Departures:
+class StartBins:
     """Where rays of a scene start from, and what they can meet from there.
 
-    A *departure* is 2 x face (+1 for directions along the face's main axis), then one per source,
+    A *start bin* is 2 x face (+1 for directions along the face's main axis), then one per source,
     then one for rays that start in a medium.
 
     Parameters
     ----------
-    shapes : all faces; those of meshes are departures, but no candidates
+    shapes : all faces; those of meshes are start bins, but no candidates
     sources : per source the box that it emits from and the direction of its beam (zero: any)
     """
 
@@ -120,7 +120,7 @@ class Departures:
         self._list_of = np.concatenate([list_of, rest]).astype(np.int64)
 
     def _face_lists(self) -> NDArray[np.int64]:
-        """A list per face and sense; their numbers by departure."""
+        """A list per face and sense; their numbers by start bin."""
         for face in range(len(self._kinds)):
             for sign in (-1, 1):
                 signs = np.zeros(3)
@@ -129,7 +129,7 @@ class Departures:
         return np.arange(2 * len(self._kinds))
 
     def _shared_lists(self) -> NDArray[np.int64]:
-        """A list per group of neighbours of one main axis, and sense; numbers by departure."""
+        """A list per group of neighbours of one main axis, and sense; numbers by start bin."""
         n = len(self._kinds)
         rooms = max(1, _ENTRIES // (6 * n))
         group = 3 * _neighbours(0.5 * (self._low + self._high), rooms) + self.axes
@@ -154,7 +154,7 @@ class Departures:
 
         Parameters
         ----------
-        met : (departures, faces) rays of each departure by the face that they met next, as far as
+        met : (start_bins, faces) rays of each start bin by the face that they met next, as far as
             that has been counted; it is guessed otherwise. The order of a list decides how soon a
             hit is found, not which.
         """
@@ -165,17 +165,17 @@ class Departures:
         known = self._precedence is not None
         n = len(self._kinds) if known else 0
         first = np.concatenate(([0], np.cumsum([len(item.faces) for item in lists])))
-        settles = np.zeros(first[-1], np.uint8)
+        decides = np.zeros(first[-1], np.uint8)
         for item, start in zip(lists, first[:-1], strict=True):
-            settles[start + item.settle[item.settle < _NEVER]] = 1
-        rows = [item.settle for item in lists] if known else []
+            decides[start + item.decided[item.decided < _NEVER]] = 1
+        rows = [item.decided for item in lists] if known else []
         return Candidates(
             list_of=self._list_of,
             first=first.astype(np.int64),
             face=np.concatenate([item.faces for item in lists]).astype(np.int64),
             distance=np.concatenate([item.bounds() for item in lists]),
-            settle=np.array(rows, np.int32).reshape(len(rows), 2 * n),
-            settles=settles,
+            decided=np.array(rows, np.int32).reshape(len(rows), 2 * n),
+            decides=decides,
             likely=np.array([item.likely for item in lists], np.int32),
         )
 
@@ -202,7 +202,7 @@ class Departures:
         return self._in_likely_order(found, _apparent_size(high - low, away))
 
     def _in_likely_order(self, item: _List, weight: Array | NDArray[np.int64]) -> _List:
-        """The list with those faces first that settle the most rays for the fewest tests.
+        """The list with those faces first that decide the most rays for the fewest tests.
 
         ``weight`` (n,) is in proportion to the rays that meet each face.
         """
@@ -230,12 +230,12 @@ class Departures:
                 guess = len(placed) - 1
         place = np.full(n, -1, np.int32)
         place[placed] = np.arange(len(placed))
-        settle = np.full(2 * n, _NEVER, np.int32)
+        decided = np.full(2 * n, _NEVER, np.int32)
         for half, rest in enumerate((entered, left)):
             last = np.where(rest, place[None, :], -1).max(axis=1)
-            settled = np.maximum(last, place)
-            settle[half * n : half * n + n] = np.where(candidates, settled, _NEVER)
-        return item._replace(faces=np.array(placed, np.intp), settle=settle, likely=guess)
+            after = np.maximum(last, place)
+            decided[half * n : half * n + n] = np.where(candidates, after, _NEVER)
+        return item._replace(faces=np.array(placed, np.intp), decided=decided, likely=guess)
 
 
 _NEVER = 2**31 - 1

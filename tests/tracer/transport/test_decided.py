@@ -54,17 +54,17 @@ def crowd(seed: int) -> str:
 
 
 @pytest.mark.parametrize("name", ["lens", "flood", "crowd 1", "crowd 2", "crowd 3", "crowd 4"])
-def test_settled_hits_are_the_nearest(name: str) -> None:
+def test_decided_hits_are_the_nearest(name: str) -> None:
     if name in ("lens", "flood"):
         scene = load_scene(SAMPLE, variants=("flood",) if name == "flood" else ())
     else:
         scene = parse_scene(crowd(int(name.split()[1])))
     compilation = compile_scene(scene)
     arrays = compilation.arrays
-    assert arrays.settles.any()
-    unsettled = arrays._replace(settles=np.zeros_like(arrays.settles))
+    assert arrays.decides.any()
+    undecided = arrays._replace(decides=np.zeros_like(arrays.decides))
     found = Wavefront(arrays, 7).trace(0, 20_000)
-    expected = Wavefront(unsettled, 7).trace(0, 20_000)
+    expected = Wavefront(undecided, 7).trace(0, 20_000)
     _assert_same(found, expected)
     # Faces are met whatever the order in which they are tried
     rng = np.random.default_rng(2)
@@ -90,10 +90,10 @@ def test_faces_are_tried_in_the_order_in_which_rays_meet_them() -> None:
         "L6.front", "L6.back",
     )  # fmt: skip
     for face, following in pairwise(chain):
-        departure = 2 * faces.index(face) + 1
-        target = ordered.arrays.target[departure]
+        start_bin = 2 * faces.index(face) + 1
+        target = ordered.arrays.target[start_bin]
         assert target >= 0
-        met = ordered.arrays.face[ordered.arrays.first[departure] + target]
+        met = ordered.arrays.face[ordered.arrays.first[start_bin] + target]
         assert faces[met] == following
     # Where no ray came by, the list stays as it was
     start, stop = compilation.arrays.first[-2:]
