@@ -10,9 +10,9 @@ from raymap.encoding.encoder import PortionEncoder
 from raymap.model.portion import Portion
 from raymap.model.schema import PORTION_RAYS
 from raymap.optics.cells import is_pinhole
-from tracer.run.rehearsal import compile_trace, order_faces
 from tracer.run.results import depth_limit
 from tracer.run.trace import CompiledTrace, Trace
+from tracer.run.warm_up import compile_trace, order_faces
 from tracer.scene.supported import refuse_pinholes, warn_of_polarised_light
 from tracer.transport.source_check import check_sources
 from tracer.transport.wavefront import Wavefront

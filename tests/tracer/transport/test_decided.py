@@ -10,7 +10,7 @@ import pytest
 
 from raymap.model.portion import Portion
 from tracer.compiled import F_OBJECT, F_TRIANGLE
-from tracer.run.rehearsal import order_faces
+from tracer.run.warm_up import order_faces
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import load_scene, parse_scene
 from tracer.transport.wavefront import Wavefront

@@ -17,7 +17,7 @@ from tracer.scene.compile import Compilation
 from tracer.transport.tally import Tally
 from tracer.transport.wavefront import Wavefront
 
-__all__ = ["compile_trace", "order_faces", "rehearse"]
+__all__ = ["compile_trace", "order_faces", "warm_up"]
 
 _RAYS = 1024
 _PILOT_RAYS = 1024
@@ -38,9 +38,9 @@ def compile_trace(compilation: Compilation, encoder: PortionEncoder | None, thre
         kind = f"{encoder.raw} {encoder.shapes.complete}"
     key = f"{kind} {bool(directory.detectors)} {channel_set.n_channels}"
     arguments = (directory, channel_set, encoder)
-    rehearsal = Task(rehearse.__module__, rehearse.__qualname__, arguments, key)
+    warming = Task(warm_up.__module__, warm_up.__qualname__, arguments, key)
     hits, *others = engine.tasks()
-    compile_ahead([hits, rehearsal, *others], processes=threads)
+    compile_ahead([hits, warming, *others], processes=threads)
 
 
 def order_faces(compilation: Compilation) -> Compilation:
@@ -88,7 +88,7 @@ def _faces_of(face_i: NDArray[np.int64], portion: Portion) -> NDArray[np.int64]:
     return np.where(names[place] == own, analytic[place], -1)
 
 
-def rehearse(directory: Directory, channel_set: ChannelSet, encoder: PortionEncoder | None) -> None:
+def warm_up(directory: Directory, channel_set: ChannelSet, encoder: PortionEncoder | None) -> None:
     """Count, encode and merge a few rays that leave the scene at once."""
     meetings, n = (1 if directory.detectors else 0), _RAYS
     end = int(Event.LEFT_SCENE)
