@@ -88,7 +88,7 @@ class CrystalTrace:
     channel_set: ChannelSet
     meshes: dict[int, DisplayMesh]
 
-    fan: ClassVar[int] = 1
+    max_branches: ClassVar[int] = 1
     most_rays: ClassVar[int] = PORTION_RAYS
 
     @property

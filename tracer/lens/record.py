@@ -128,7 +128,7 @@ class LensTracer:
         event: NDArray[np.int32] = happened.astype(np.int32)
         count, descriptors = self._meetings(counts, position.astype(np.float64), obj, event)
         branches = np.bincount(emission - first, minlength=n)
-        if branches.max(initial=0) > LensTreeTrace.fan:
+        if branches.max(initial=0) > LensTreeTrace.max_branches:
             raise LensError(
                 f"an emission became {branches.max():,} rays; give trees a smaller depth, or stop "
                 "branches earlier with min_flux"
@@ -152,10 +152,10 @@ class LensTracer:
             color_table=np.empty((0, self.compilation.channel_set.n_channels), np.uint16),
             descriptor_count=count,
             descriptors=descriptors,
-            first_ray=first * LensTreeTrace.fan,
-            ray_ids=emission * LensTreeTrace.fan + place,
+            first_ray=first * LensTreeTrace.max_branches,
+            ray_ids=emission * LensTreeTrace.max_branches + place,
             weight=flux.astype(np.float32),
-            emission=emission * LensTreeTrace.fan,
+            emission=emission * LensTreeTrace.max_branches,
             extra={"optical_path": self._paths(counts, position, medium, np.repeat(color, counts))},
         )
 
@@ -230,7 +230,7 @@ class LensTreeTrace(CompiledTrace):
     depth: int = 8
     min_flux: float = 1e-6
 
-    fan: ClassVar[int] = 2**20
+    max_branches: ClassVar[int] = 2**20
     most_rays: ClassVar[int] = 4096
 
     @property

@@ -91,8 +91,8 @@ class Run:
         self.channel_set = writer.add_channel_set(trace.channel_set) if writer else 0
         fitting = self._fitting_rays()
         self.portion_rays = portion_rays or fitting
-        # Where rays split, emission e has the ray numbers from e times fan on
-        self.first_ray = -(-writer.next_ray // trace.fan) if writer else 0
+        # Where rays split, emission e has the ray numbers from e times max_branches on
+        self.first_ray = -(-writer.next_ray // trace.max_branches) if writer else 0
 
     def _seed(self, seed: int | None) -> int:
         if seed is not None:
@@ -103,8 +103,8 @@ class Run:
 
     def _fitting_rays(self) -> int:
         """Rays whose records surely fit a portion, judged by a few rays traced for it."""
-        splits = self.trace.fan > 1
-        rays = max(64, _PILOT_RAYS // self.trace.fan)
+        splits = self.trace.max_branches > 1
+        rays = max(64, _PILOT_RAYS // self.trace.max_branches)
         pilot = self.engine.trace(0, rays, reuse=True)
         if self.writer:
             self.writer.encode(self._traced(0, rays), 0)

@@ -61,7 +61,7 @@ def begin_folder(
             if difference:
                 raise SceneMismatch(f"{place} was recorded from another scene: {difference}")
             after = max((p.last_ray + 1 for p in known.portions if p.n_rays), default=0)
-            first = -(-after // trace.fan)
+            first = -(-after // trace.max_branches)
             seeds = [run["seed"] for run in known.runs if run.get("seed") is not None]
         return first, int(seeds[-1]) if seeds else DEFAULT_SEED
     if not force:

@@ -121,7 +121,7 @@ def _trace_into(task: ShardTask, path: Path) -> RecordResult:
             meshes=trace.meshes if task.meshes else {},
             raw=task.raw,
             trusted=True,
-            first_ray=task.first_ray * trace.fan,
+            first_ray=task.first_ray * trace.max_branches,
         ) as writer,
     ):
         # What there is to warn of stands in the result

@@ -50,7 +50,8 @@ class Trace(Protocol):
     Attributes
     ----------
     scene, directory, channel_set, meshes : of the map
-    fan : rays that an emission may become; emission e has the ray numbers from e · fan on
+    max_branches : rays that an emission may become; emission e has the ray numbers from
+        e · max_branches on
     most_rays : of a portion, at most
     limit : what stops light that goes on too long, and the remedy, in words
     parameters : what the map keeps of this run besides what it keeps of every one
@@ -65,7 +66,7 @@ class Trace(Protocol):
     @property
     def meshes(self) -> Mapping[int, DisplayMesh]: ...
     @property
-    def fan(self) -> int: ...
+    def max_branches(self) -> int: ...
     @property
     def most_rays(self) -> int: ...
     @property
@@ -115,7 +116,7 @@ class CompiledTrace:
         return self.compilation.meshes
 
     @property
-    def fan(self) -> int:
+    def max_branches(self) -> int:
         rare = self.compilation.arrays.rare
         if rare is None or rare.settings[R_SPLITS] <= 0.0:
             return 1

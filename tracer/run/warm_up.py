@@ -51,7 +51,7 @@ def order_faces(compilation: Compilation) -> Compilation:
     if not compilation.start_bins.sortable:
         return compilation
     engine = Wavefront(compilation.arrays, 0, meshes=compilation.solids, weighted=True)
-    rays = max(64, _PILOT_RAYS // engine.fan)
+    rays = max(64, _PILOT_RAYS // engine.max_branches)
     return compilation.ordered(_faces_met(compilation, engine.trace(0, rays, reuse=True)))
 
 

@@ -57,7 +57,7 @@ def check_sources(
     if engine is None:
         engine = Wavefront(compilation.arrays, seed, meshes=compilation.solids, weighted=True)
         compile_ahead(engine.tasks(), processes=2)
-    portion = engine.trace(0, max(16, _RAYS // engine.fan))
+    portion = engine.trace(0, max(16, _RAYS // engine.max_branches))
     wrong, leaving = _wrong_starts(portion)
     for k, (name, model) in enumerate(compilation.scene.sources.items()):
         mine = portion.source == k

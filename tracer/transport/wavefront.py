@@ -118,7 +118,8 @@ class Wavefront:
 
     Attributes
     ----------
-    fan : rays that an emission may become; emission e has the ray numbers from e · fan on
+    max_branches : rays that an emission may become; emission e has the ray numbers from
+        e · max_branches on
     """
 
     def __init__(
@@ -142,10 +143,12 @@ class Wavefront:
         self.exact = exact
         rare = self.scene.rare
         self.splits = rare is not None and rare.settings[R_SPLITS] > 0.0
-        self.fan = int(rare.settings[R_RAYS]) if rare is not None and self.splits else 1
+        self.max_branches = int(rare.settings[R_RAYS]) if rare is not None and self.splits else 1
         # Emissions have numbers of their own where they split, so they take streams of their own
-        self.seed = seed if self.fan == 1 else (seed + self.fan * _STREAMS) & _WORD
-        self.block = block if self.fan == 1 else max(16, _SPLIT_BLOCK // self.fan)
+        self.seed, self.block = seed, block
+        if self.max_branches > 1:
+            self.seed = (seed + self.max_branches * _STREAMS) & _WORD
+            self.block = max(16, _SPLIT_BLOCK // self.max_branches)
         self._local = threading.local()
 
     def trace(self, first_ray: int, n_rays: int, *, reuse: bool = False) -> Portion:
@@ -196,12 +199,12 @@ class Wavefront:
         place = np.arange(portion.n_rays) - np.repeat(
             np.cumsum(assembly.counts()) - assembly.counts(), assembly.counts()
         )
-        emission = (first_ray + of_ray) * self.fan
+        emission = (first_ray + of_ray) * self.max_branches
         owners = self.scene.pattern[(first_ray + of_ray) % len(self.scene.pattern)]
         return replace(
             portion,
             source=owners.astype(np.int16),
-            first_ray=first_ray * self.fan,
+            first_ray=first_ray * self.max_branches,
             ray_ids=emission + place,
             emission=emission,
             weight=weight,

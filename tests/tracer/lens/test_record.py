@@ -71,7 +71,7 @@ def test_branches_of_an_emission_carry_all_its_light() -> None:
     check_portion(portion, compilation.directory, compilation.channel_set)
     assert portion.weight is not None
     assert portion.emission is not None
-    emission = portion.emission // LensTreeTrace.fan
+    emission = portion.emission // LensTreeTrace.max_branches
     total = np.bincount(emission, weights=portion.weight.astype(float), minlength=200)
     np.testing.assert_allclose(total, 1.0, atol=2e-6)
     assert portion.n_rays > 10 * 200

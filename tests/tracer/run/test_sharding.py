@@ -338,7 +338,7 @@ def weighted() -> Compilation:
 
 
 def test_numbers_that_an_emission_takes(scene: Compilation, weighted: Compilation) -> None:
-    assert (NaturalTrace(scene).fan, NaturalTrace(weighted).fan) == (1, 8)
+    assert (NaturalTrace(scene).max_branches, NaturalTrace(weighted).max_branches) == (1, 8)
 
 
 @pytest.mark.slow

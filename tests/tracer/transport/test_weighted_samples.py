@@ -89,7 +89,7 @@ def traced(scene: Scene, rays: int, *, weighted: bool, seed: int) -> tuple[list[
     names: list[str] = []
     rows = []
     size = rays // BATCHES
-    step = max(16, 16_384 // engine.fan)
+    step = max(16, 16_384 // engine.max_branches)
     for batch in range(BATCHES):
         tally = Tally(compilation.directory, compilation.channel_set)
         for first in range(batch * size, (batch + 1) * size, step):
