@@ -128,19 +128,20 @@ class Views(NamedTuple):
     numbers: F64
 
 
-# Entries of RareLight.settings: least probability of a reflection, reflections that split light,
-# weight below which rays are thinned out, probability of aiming, most rays of an emission
+# Entries of VarianceReduction.settings: least probability of a reflection, reflections that split
+# light, weight below which rays meet Russian roulette, probability of aiming, most rays of an
+# emission
 R_LEAST, R_SPLITS, R_FAINT, R_AIM, R_RAYS = range(5)
 
-# Columns of RareLight.targets: shape, center 1-3, normal 4-6, u 7-9, v 10-12, half sizes or inner
-# and outer radius 13-14, radius of the bounding sphere 15, 1 where only light towards the normal's
-# side counts 16
+# Columns of VarianceReduction.targets: shape, center 1-3, normal 4-6, u 7-9, v 10-12, half sizes or
+# inner and outer radius 13-14, radius of the bounding sphere 15, 1 where only light towards the
+# normal's side counts 16
 TARGET_ROW = 17
 TARGET_SPHERE, TARGET_RECTANGLE, TARGET_RING = range(3)
 
 
-class RareLight(NamedTuple):
-    """What the weighted mode does differently.
+class VarianceReduction(NamedTuple):
+    """What the weighted mode does differently: its variance reduction.
 
     settings (5,) : see above
     targets (n, TARGET_ROW) : what scattered light is aimed at
@@ -201,7 +202,8 @@ class CompiledScene(NamedTuple):
         virtual detectors, the lowest 4-6, the highest 7-9
     limits : most points of a ray, medium of the world, whether any detector is virtual, whether a
         ray starts in one channel, drawn from its colour
-    rare : settings of the weighted mode; None in the analog one, where the compiler leaves it out
+    reduction : settings of the weighted mode; None in the analog one, where the compiler leaves it
+        out
     contacts : faces that lie on one another; None where there are none
     light_pool, light_rays : tables of sources (`tracer.sources.light_pool`); None where all are
         plain
@@ -232,7 +234,7 @@ class CompiledScene(NamedTuple):
     tables: F64 | None
     sphere: F64
     limits: I64
-    rare: RareLight | None = None
+    reduction: VarianceReduction | None = None
     contacts: Contacts | None = None
     light_pool: F64 | None = None
     light_rays: NDArray[np.float32] | None = None

@@ -43,7 +43,7 @@ class NaturalTrace(CompiledTrace):
         compile_trace(self.compilation, encoder, threads)
         check_sources(self.compilation)
         warn_of_polarised_light(self.compilation)
-        if self.compilation.arrays.rare is not None:
+        if self.compilation.arrays.reduction is not None:
             refuse_pinholes(self.compilation, "the weighted one")
         return NaturalTrace(order_faces(self.compilation))
 

@@ -117,7 +117,7 @@ class CompiledTrace:
 
     @property
     def max_branches(self) -> int:
-        rare = self.compilation.arrays.rare
-        if rare is None or rare.settings[R_SPLITS] <= 0.0:
+        reduction = self.compilation.arrays.reduction
+        if reduction is None or reduction.settings[R_SPLITS] <= 0.0:
             return 1
-        return int(rare.settings[R_RAYS])
+        return int(reduction.settings[R_RAYS])

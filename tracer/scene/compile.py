@@ -37,7 +37,7 @@ from tracer.compiled import (
     S_MODEL,
     S_SCATTER,
     CompiledScene,
-    RareLight,
+    VarianceReduction,
 )
 from tracer.description.named_files import named_file, noting_files
 from tracer.detectors.model import DetectorModel
@@ -53,11 +53,11 @@ from tracer.scene.inputs import file_hash, inputs_of, taking_part
 from tracer.scene.media import medium_table
 from tracer.scene.meshes import SceneMeshes
 from tracer.scene.model import Scene
-from tracer.scene.rare_light import compile_rare_light
 from tracer.scene.resolve import resolve_bodies
 from tracer.scene.source_faces import lift_off_faces
 from tracer.scene.sources import CompiledSources, SourceTable
 from tracer.scene.surfaces import compile_surfaces
+from tracer.scene.variance_reduction import compile_variance_reduction
 from tracer.surfaces.scatter_check import check_laws, check_scatter
 
 __all__ = ["Compilation", "compile_scene", "resolve_bodies"]
@@ -172,9 +172,9 @@ class _Compiler:
             faces.surface_models(), self.media, self.wavelengths, scene.origin
         )
         start_bins = StartBins(shapes, sources.boxes)
-        rare = self._rare_light()
+        reduction = self._variance_reduction()
         plain = _plain_faces(face_i, surface_i, self.media.integers)
-        if rare is not None or detectors.virtual or detectors.views is not None:
+        if reduction is not None or detectors.virtual or detectors.views is not None:
             plain[:] = 0
         contacts = find_contacts(
             shapes,
@@ -220,7 +220,7 @@ class _Compiler:
             tables=tables if _needs_tables(surface_i, self.media.integers) else None,
             sphere=np.array([*center, radius, *detectors.box(1e-9 * radius)]),
             limits=np.array([scene.limits.depth, world, detectors.virtual, 0], np.int64),
-            rare=rare,
+            reduction=reduction,
             contacts=contacts,
             light_pool=sources.pool,
             light_rays=sources.rays,
@@ -244,7 +244,7 @@ class _Compiler:
             return ["R", "G", "B"]
         return [f"{wavelength:g} nm" for wavelength in self.wavelengths]
 
-    def _rare_light(self) -> RareLight | None:
+    def _variance_reduction(self) -> VarianceReduction | None:
         """What the weighted mode does differently, with the shapes that light is aimed at."""
         if self.scene.trace.mode == "analog":
             return None
@@ -253,7 +253,9 @@ class _Compiler:
             for name, model in self.scene.detectors.items()
             if isinstance(model, DetectorModel) and model.kind in ("plane", "camera")
         }
-        return compile_rare_light(self.scene.trace, self.faces.shapes(), planes, self.scene.origin)
+        return compile_variance_reduction(
+            self.scene.trace, self.faces.shapes(), planes, self.scene.origin
+        )
 
     def _extent(self, shapes: ShapeColumns, sources: CompiledSources) -> tuple[Array, float]:
         """Center and radius of the bounding sphere."""

@@ -16,8 +16,8 @@ from tracer.description.fields import Node
 from tracer.detectors.detector import DetectorKind
 from tracer.media.keys.key import MEDIUM_KEYS
 from tracer.media.model import MediumModel
-from tracer.scene.rare_light import TraceModel
 from tracer.scene.selecting import Selecting
+from tracer.scene.variance_reduction import TraceModel
 from tracer.sources.source import Source
 from tracer.surfaces.surface import Surface
 

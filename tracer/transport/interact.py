@@ -208,7 +208,7 @@ def interact(scene: CompiledScene, b: Buffers, split: SplitRays | None, follow: 
     optics = optics_of(scene)
     detectors = Detectors(scene.detector_i, scene.detector_f)
     sphere, world, depth = scene.sphere, scene.limits[WORLD], scene.limits[DEPTH]
-    virtual, rare, views = scene.limits[VIRTUAL], scene.rare, scene.views
+    virtual, reduction, views = scene.limits[VIRTUAL], scene.reduction, scene.views
     live_f, live_i, ray_i, ray_f = b.live_f, b.live_i, b.ray_i, b.ray_f
     exact, colors, counters = b.exact, b.colors, b.counters
     columns = RecordColumns(b.words, b.real, b.owners)
@@ -252,7 +252,7 @@ def interact(scene: CompiledScene, b: Buffers, split: SplitRays | None, follow: 
                 medium_i, medium_f, tables, medium, t, dx, dy, dz, code, colors, counters, state
             )
             dx, dy, dz, weight, state = aim_in_volume(
-                rare, event,
+                reduction, event,
                 Flight(x + t * ux, y + t * uy, z + t * uz, ux, uy, uz, dx, dy, dz),
                 medium_f, tables, medium, n_channels, weight, state,
             )  # fmt: skip
@@ -340,7 +340,7 @@ def interact(scene: CompiledScene, b: Buffers, split: SplitRays | None, follow: 
                     if shading > 0.0:
                         sx, sy, sz = -sx, -sy, -sz
                     happened, crosses, dx, dy, dz, code, state, weight = meet(
-                        rare, split, arrives, optics, tables, at, Way(dx, dy, dz, sx, sy, sz),
+                        reduction, split, arrives, optics, tables, at, Way(dx, dy, dz, sx, sy, sz),
                         Light(code, colors, counters, state), follow,
                     )  # fmt: skip
                     event |= happened
@@ -370,7 +370,7 @@ def interact(scene: CompiledScene, b: Buffers, split: SplitRays | None, follow: 
             if ray_i[N_RECORDS, unsigned(ray)] >= depth and event & ENDING == 0:
                 event = (event & RIM_HIT) | DEPTH_LIMIT
             turned_off = split_event(split, event)
-            event, weight, state = end_faint_ray(rare, event, weight, state)
+            event, weight, state = end_faint_ray(reduction, event, weight, state)
             point = Record(x, y, z, nx, ny, nz, obj, triangle, event, medium, code, ray)
             write_record(columns, r, point)
             if len(exact) > 0:

@@ -121,7 +121,7 @@ class Pinholes:
         self.compilation = compilation
         arrays = compilation.arrays
         self.scene = arrays._replace(
-            rare=None, surface_i=arrays.surface_i.copy(), source_i=arrays.source_i.copy()
+            reduction=None, surface_i=arrays.surface_i.copy(), source_i=arrays.source_i.copy()
         )
         directory = compilation.directory
         self.detectors = [k for k, d in enumerate(directory.detectors) if is_pinhole(d)]

@@ -18,7 +18,7 @@ from raymap.jit.kernels import inline_kernel, inner_kernel, lean_kernel
 from raymap.jit.types import F64, I32, I64
 from raymap.model.events import Event
 from raymap.optics.frames import unit_factor
-from tracer.compiled import R_RAYS, R_SPLITS, RareLight
+from tracer.compiled import R_RAYS, R_SPLITS, VarianceReduction
 from tracer.rays.colors import COLORS
 from tracer.rays.random import stream_state
 from tracer.transport.buffers import (
@@ -142,13 +142,13 @@ def start_emissions(split: SplitRays, n: int, counters: I64) -> None:
 
 
 @inline_kernel
-def may_split(rare: RareLight, split: SplitRays | None, ray: int) -> bool:
+def may_split(reduction: VarianceReduction, split: SplitRays | None, ray: int) -> bool:
     """Whether a ray may split: not too often yet, and its emission has not too many rays."""
     if split is None:
         return False
-    if split.rays[LEVEL, ray] >= rare.settings[R_SPLITS]:
+    if split.rays[LEVEL, ray] >= reduction.settings[R_SPLITS]:
         return False
-    return bool(split.emitted[split.rays[EMISSION, ray]] < rare.settings[R_RAYS])
+    return bool(split.emitted[split.rays[EMISSION, ray]] < reduction.settings[R_RAYS])
 
 
 @inline_kernel

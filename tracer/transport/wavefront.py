@@ -113,8 +113,8 @@ class Wavefront:
     meshes : the scene's triangle meshes, if it has any
     block : rays traced in step
     exact : keep the positions in float64 as an extra column ``exact``
-    weighted : trace as the scene's settings of rare light say, if it has any; otherwise every ray
-        weighs the same
+    weighted : trace as the scene's settings of variance reduction say, if it has any; otherwise
+        every ray weighs the same
 
     Attributes
     ----------
@@ -134,16 +134,18 @@ class Wavefront:
     ) -> None:
         self.meshes = meshes
         self.scene = scene._replace(
-            rare=scene.rare if weighted else None,
+            reduction=scene.reduction if weighted else None,
             surface_i=scene.surface_i.copy(),
             source_i=scene.source_i.copy(),
             detector_i=scene.detector_i.copy(),
         )
         self.faces = self.scene.faces
         self.exact = exact
-        rare = self.scene.rare
-        self.splits = rare is not None and rare.settings[R_SPLITS] > 0.0
-        self.max_branches = int(rare.settings[R_RAYS]) if rare is not None and self.splits else 1
+        reduction = self.scene.reduction
+        self.splits = reduction is not None and reduction.settings[R_SPLITS] > 0.0
+        self.max_branches = (
+            int(reduction.settings[R_RAYS]) if reduction is not None and self.splits else 1
+        )
         # Emissions have numbers of their own where they split, so they take streams of their own
         self.seed, self.block = seed, block
         if self.max_branches > 1:
@@ -184,7 +186,7 @@ class Wavefront:
                 assembly.store(workspace, n, counted=counted)
         emitted = emitted_counts(self.scene.pattern, len(self.scene.source_i), first_ray, n_rays)
         portion = assembly.portion(emitted, self.scene, first_ray, copy=not reuse)
-        if self.scene.rare is not None:
+        if self.scene.reduction is not None:
             portion = self._weighed(portion, assembly, first_ray, n_rays)
         return portion, records + int(counters[LEFT_OUT]) if counted else portion.n_records
 
@@ -245,7 +247,7 @@ class Wavefront:
         return [
             *self._stage_tasks(b),
             self._emission(b),
-            *surface_tasks(self.scene.surface_i, weighed=self.scene.rare is not None),
+            *surface_tasks(self.scene.surface_i, weighed=self.scene.reduction is not None),
             *source_tasks(self.scene.source_i),
             *detector_tasks(self.scene.detector_i),
             *shape_tasks(self.scene.face_i[:, F_KIND]),
@@ -285,7 +287,7 @@ class Wavefront:
 
     def _stages(self, b: Buffers, *, emits: bool) -> Stages:
         if not hasattr(self._local, "stages"):
-            link_surfaces(self.scene.surface_i, weighed=self.scene.rare is not None)
+            link_surfaces(self.scene.surface_i, weighed=self.scene.reduction is not None)
             link_sources(self.scene.source_i)
             link_detectors(self.scene.detector_i)
             link_shapes(self.scene.face_i[:, F_KIND], self.scene.face_f)

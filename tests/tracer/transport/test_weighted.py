@@ -28,7 +28,7 @@ MODES = {
     "likelier": "min_reflection = 0.3",
     "split": "split_depth = 2",
     "split and likelier": "split_depth = 1\nmin_reflection = 0.2\nroulette_weight = 0.01",
-    "thinned": "min_reflection = 0.2\nroulette_weight = 0.5",
+    "roulette": "min_reflection = 0.2\nroulette_weight = 0.5",
 }
 
 

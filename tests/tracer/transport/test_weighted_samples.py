@@ -13,7 +13,7 @@ from scipy.stats import t
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import load_scene
 from tracer.scene.model import Scene
-from tracer.scene.rare_light import TraceModel
+from tracer.scene.variance_reduction import TraceModel
 from tracer.transport.counts import Counts
 from tracer.transport.tally import Tally
 from tracer.transport.wavefront import Wavefront
@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Case:
-    """A sample, how rare light is followed in it, and rays in thousands: analog, weighted."""
+    """A sample, its variance reduction, and rays in thousands: analog, weighted."""
 
     file: str
     trace: dict[str, object]

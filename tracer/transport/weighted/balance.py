@@ -22,7 +22,7 @@ import numpy as np
 from raymap.jit.kernels import inner_kernel, number
 from raymap.jit.types import F64
 from raymap.model.events import Event
-from tracer.compiled import R_AIM, R_FAINT, RareLight
+from tracer.compiled import R_AIM, R_FAINT, VarianceReduction
 from tracer.optics.phase import pdf_phase
 from tracer.rays.random import advance, uniform
 from tracer.transport.weighted.aiming import Start, aim_at, count_targets, pdf_aim
@@ -34,7 +34,7 @@ __all__ = [
     "aim_scattered",
     "balance",
     "likely_enough",
-    "thin_out",
+    "roulette",
 ]
 
 _RIM_HIT = int(Event.RIM_HIT)
@@ -81,11 +81,12 @@ def likely_enough(share: float, least: float) -> float:
 
 @inner_kernel
 def aim_or_keep(
-    rare: RareLight, start: Start, dx: float, dy: float, dz: float, weight: float, state: np.uint64
-) -> tuple[float, float, float, Aim, np.uint64]:
+    reduction: VarianceReduction, start: Start, dx: float, dy: float, dz: float, weight: float,
+    state: np.uint64,
+) -> tuple[float, float, float, Aim, np.uint64]:  # fmt: skip
     """Keep the direction drawn from a law, or take an aimed one."""
-    q = rare.settings[R_AIM] / max(1.0, weight)
-    count = count_targets(rare.targets, start) if q > 0.0 else 0
+    q = reduction.settings[R_AIM] / max(1.0, weight)
+    count = count_targets(reduction.targets, start) if q > 0.0 else 0
     if count == 0:
         return dx, dy, dz, Aim(0.0, number(0)), state
     state = advance(state)
@@ -93,44 +94,46 @@ def aim_or_keep(
         a = advance(state)
         b = advance(a)
         state = advance(b)
-        dx, dy, dz = aim_at(rare.targets, start, count, uniform(a), uniform(b), uniform(state))
+        dx, dy, dz = aim_at(reduction.targets, start, count, uniform(a), uniform(b), uniform(state))
     return dx, dy, dz, Aim(q, count), state
 
 
 @inner_kernel
 def balance(
-    rare: RareLight, start: Start, aim: Aim, dx: float, dy: float, dz: float, density: float
-) -> float:
+    reduction: VarianceReduction, start: Start, aim: Aim, dx: float, dy: float, dz: float,
+    density: float,
+) -> float:  # fmt: skip
     """Factor of the weight: the law's density over that of the mixture."""
     if aim.candidates == 0:
         return 1.0
     if density <= 0.0:
         return 0.0
-    aimed = pdf_aim(rare.targets, start, aim.candidates, dx, dy, dz)
+    aimed = pdf_aim(reduction.targets, start, aim.candidates, dx, dy, dz)
     return density / (aim.q * aimed + (1.0 - aim.q) * density)
 
 
 @inner_kernel
 def aim_scattered(
-    rare: RareLight, flight: Flight, phase: F64, tables: F64, weight: float, state: np.uint64
-) -> tuple[float, float, float, float, np.uint64]:
+    reduction: VarianceReduction, flight: Flight, phase: F64, tables: F64, weight: float,
+    state: np.uint64,
+) -> tuple[float, float, float, float, np.uint64]:  # fmt: skip
     """Aim light that a medium has scattered: direction, weight, state."""
     start = Start(flight.x, flight.y, flight.z, 0.0, 0.0, 1.0, False)
     dx, dy, dz, aim, state = aim_or_keep(
-        rare, start, flight.dx, flight.dy, flight.dz, weight, state
+        reduction, start, flight.dx, flight.dy, flight.dz, weight, state
     )
     if aim.candidates > 0:
         mu = max(-1.0, min(1.0, flight.ux * dx + flight.uy * dy + flight.uz * dz))
         density = pdf_phase(phase, tables, mu)
-        weight *= balance(rare, start, aim, dx, dy, dz, density)
+        weight *= balance(reduction, start, aim, dx, dy, dz, density)
     return dx, dy, dz, weight, state
 
 
 @inner_kernel
-def thin_out(
-    rare: RareLight, event: int, weight: float, state: np.uint64
+def roulette(
+    reduction: VarianceReduction, event: int, weight: float, state: np.uint64
 ) -> tuple[int, float, np.uint64]:
-    faint = rare.settings[R_FAINT]
+    faint = reduction.settings[R_FAINT]
     if event & _ENDING != 0 or (weight > 0.0 and weight >= faint):
         return event, weight, state
     state = advance(state)

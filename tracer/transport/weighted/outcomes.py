@@ -29,7 +29,7 @@ from tracer.compiled import (
     S_DRAW,
     S_KIND,
     S_MEET,
-    RareLight,
+    VarianceReduction,
 )
 from tracer.surfaces.interaction import (
     ABSORBED,
@@ -43,7 +43,7 @@ from tracer.surfaces.interaction import (
 from tracer.surfaces.meeting import meet_by_kind, meet_surface
 from tracer.surfaces.mirror import reflect_at_mirror
 from tracer.transport.splitting import SplitRays
-from tracer.transport.weighted.balance import Flight, aim_scattered, thin_out
+from tracer.transport.weighted.balance import Flight, aim_scattered, roulette
 from tracer.transport.weighted.ray import Weighted, WeightedRay
 from tracer.transport.weighted.scattered import scatter_aimed, scatter_if_any
 from tracer.transport.weighted.smooth import meet_smooth
@@ -57,70 +57,74 @@ _VOLUME_SCATTER = int(Event.VOLUME_SCATTER)
 
 @inline_kernel
 def meet(
-    rare: RareLight | None, split: SplitRays | None, ray: WeightedRay, optics: Optics,
+    reduction: VarianceReduction | None, split: SplitRays | None, ray: WeightedRay, optics: Optics,
     tables: F64 | None, at: Interface, way: Way, light: Light, follow: int,
 ) -> Weighted:  # fmt: skip
     """Let a ray meet a surface: as `meet_surface` in the analog mode, where its weight stays."""
-    if rare is None:
+    if reduction is None:
         happened, crosses, dx, dy, dz, code, state = meet_surface(
             optics, tables, at, way, light, follow
         )
         return happened, crosses, dx, dy, dz, code, state, ray.weight
-    return _meet_weighted(rare, split, ray, optics, tables, at, way, light)
+    return _meet_weighted(reduction, split, ray, optics, tables, at, way, light)
 
 
 @inline_kernel
 def aim_in_volume(
-    rare: RareLight | None, event: int, flight: Flight, medium_f: F64, tables: F64 | None,
-    medium: int, n_channels: int, weight: float, state: np.uint64,
+    reduction: VarianceReduction | None, event: int, flight: Flight, medium_f: F64,
+    tables: F64 | None, medium: int, n_channels: int, weight: float, state: np.uint64,
 ) -> Directed:  # fmt: skip
     """Aim light that a medium has scattered: direction, weight, state."""
-    if rare is None or tables is None:
+    if reduction is None or tables is None:
         return flight.dx, flight.dy, flight.dz, weight, state
     if event != _VOLUME_SCATTER:
         return flight.dx, flight.dy, flight.dz, weight, state
-    return aim_scattered(rare, flight, medium_f[medium, 3 * n_channels :], tables, weight, state)
+    return aim_scattered(
+        reduction, flight, medium_f[medium, 3 * n_channels :], tables, weight, state
+    )
 
 
 @inline_kernel
 def end_faint_ray(
-    rare: RareLight | None, event: int, weight: float, state: np.uint64
+    reduction: VarianceReduction | None, event: int, weight: float, state: np.uint64
 ) -> tuple[int, float, np.uint64]:
     """Roulette for rays of little weight: one in a few goes on and carries the light of all."""
-    if rare is None:
+    if reduction is None:
         return event, weight, state
-    return thin_out(rare, event, weight, state)
+    return roulette(reduction, event, weight, state)
 
 
 @inline_kernel
 def _meet_weighted(
-    rare: RareLight, split: SplitRays | None, ray: WeightedRay, optics: Optics, tables: F64 | None,
-    at: Interface, way: Way, light: Light,
+    reduction: VarianceReduction, split: SplitRays | None, ray: WeightedRay, optics: Optics,
+    tables: F64 | None, at: Interface, way: Way, light: Light,
 ) -> Weighted:  # fmt: skip
     kind = optics.surface_i[at.surface, S_KIND]
     if kind == DIELECTRIC:
-        return meet_smooth(rare, split, ray, optics, tables, at, way, light)
+        return meet_smooth(reduction, split, ray, optics, tables, at, way, light)
     if kind == LAMBERTIAN:
-        return scatter_aimed(rare, ray, optics, None, at, way, light)
+        return scatter_aimed(reduction, ray, optics, None, at, way, light)
     if tables is not None and optics.surface_i[at.surface, S_DRAW] != 0:
-        return _scatter_by_kind(rare, ray, optics, at, way, light)
+        return _scatter_by_kind(reduction, ray, optics, at, way, light)
     if tables is None or (kind != MIRROR and optics.surface_i[at.surface, S_MEET] == 0):
         return ABSORBED, False, way.dx, way.dy, way.dz, light.code, light.state, ray.weight
-    return _meet_analog(rare, ray, optics, at, way, light)
+    return _meet_analog(reduction, ray, optics, at, way, light)
 
 
 @inner_kernel
 def _scatter_by_kind(
-    rare: RareLight, ray: WeightedRay, optics: Optics, at: Interface, way: Way, light: Light
-) -> Weighted:
+    reduction: VarianceReduction, ray: WeightedRay, optics: Optics, at: Interface, way: Way,
+    light: Light,
+) -> Weighted:  # fmt: skip
     """Kinds that are called by address: apart, as the loop over rays is slower with them in it."""
-    return scatter_aimed(rare, ray, optics, optics.tables, at, way, light)
+    return scatter_aimed(reduction, ray, optics, optics.tables, at, way, light)
 
 
 @inner_kernel
 def _meet_analog(
-    rare: RareLight, ray: WeightedRay, optics: Optics, at: Interface, way: Way, light: Light
-) -> Weighted:
+    reduction: VarianceReduction, ray: WeightedRay, optics: Optics, at: Interface, way: Way,
+    light: Light,
+) -> Weighted:  # fmt: skip
     """Kinds that reflect or pass light as it comes; what a mirror scatters is aimed."""
     if optics.surface_i[at.surface, S_KIND] != MIRROR:
         happened, crosses, dx, dy, dz, code, state = meet_by_kind(optics, at, way, light)
@@ -129,7 +133,7 @@ def _meet_analog(
     if not reflected:
         return ABSORBED, False, way.dx, way.dy, way.dz, light.code, light.state, ray.weight
     scattered, dx, dy, dz, code, state, weight = scatter_if_any(
-        rare, ray, optics, optics.tables, at, False, way, light
+        reduction, ray, optics, optics.tables, at, False, way, light
     )
     event = GLOSSY_REFLECTION if scattered else SPECULAR_REFLECTION
     return event, False, dx, dy, dz, code, state, weight

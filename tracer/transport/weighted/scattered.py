@@ -10,7 +10,7 @@ import numpy as np
 from raymap.jit.kernels import inline_kernel, inner_kernel, number
 from raymap.jit.types import F64
 from raymap.optics.frames import frame_about
-from tracer.compiled import R_LEAST, S_AIMED, S_SCATTER, RareLight
+from tracer.compiled import R_LEAST, S_AIMED, S_SCATTER, VarianceReduction
 from tracer.rays.colors import COLORS, mean_of, recolor, recolor_lost
 from tracer.rays.random import advance, uniform
 from tracer.surfaces.drawing import draw_scattered, event_towards, weigh_scattered
@@ -31,8 +31,8 @@ __all__ = ["scatter_aimed", "scatter_if_any"]
 
 @inline_kernel
 def scatter_aimed(
-    rare: RareLight, ray: WeightedRay, optics: Optics, tables: F64 | None, at: Interface, way: Way,
-    light: Light,
+    reduction: VarianceReduction, ray: WeightedRay, optics: Optics, tables: F64 | None,
+    at: Interface, way: Way, light: Light,
 ) -> Weighted:  # fmt: skip
     """Scatter light by the law of the surface, with the least probability at least."""
     nx, ny, nz = way.nx, way.ny, way.nz
@@ -53,7 +53,7 @@ def scatter_aimed(
     sides = optics.surface_i[at.surface, S_AIMED]
     if sides > 0:
         start = Start(ray.x, ray.y, ray.z, nx, ny, nz, sides == 1)
-        dx, dy, dz, aim, state = aim_or_keep(rare, start, dx, dy, dz, weight, state)
+        dx, dy, dz, aim, state = aim_or_keep(reduction, start, dx, dy, dz, weight, state)
         if aim.candidates > 0:
             x, y, z = (
                 dx * ux + dy * uy + dz * uz,
@@ -61,7 +61,7 @@ def scatter_aimed(
                 dx * nx + dy * ny + dz * nz,
             )
         density = weigh_scattered(optics, tables, hit, light, x, y, z, row)
-        weight *= balance(rare, start, aim, dx, dy, dz, density)
+        weight *= balance(reduction, start, aim, dx, dy, dz, density)
     else:
         weigh_scattered(optics, tables, hit, light, x, y, z, row)
     if not weight > 0.0:
@@ -69,7 +69,7 @@ def scatter_aimed(
         return event_towards(happened, z), z < 0.0, dx, dy, dz, code, state, 0.0
     # Send on what the law leaves
     share = mean_of(colors, code, colors, row, np.int64(0))
-    chance = likely_enough(share, rare.settings[R_LEAST])
+    chance = likely_enough(share, reduction.settings[R_LEAST])
     if chance < 1.0:
         state = advance(state)
         if uniform(state) >= chance:
@@ -86,24 +86,24 @@ Scattered = tuple[bool, float, float, float, int, np.uint64, float]
 
 @inline_kernel
 def scatter_if_any(
-    rare: RareLight, ray: WeightedRay, optics: Optics, tables: F64 | None, at: Interface,
-    crosses: bool, way: Way, light: Light,
+    reduction: VarianceReduction, ray: WeightedRay, optics: Optics, tables: F64 | None,
+    at: Interface, crosses: bool, way: Way, light: Light,
 ) -> Scattered:  # fmt: skip
     """Scatter the part of specular light that the surface's law takes, if it has one; the normal
     stands on the side to which the light goes."""
     if tables is None or optics.surface_i[at.surface, S_SCATTER] < 0:
         return False, way.dx, way.dy, way.dz, light.code, light.state, ray.weight
-    return _scatter(rare, ray, optics, at, crosses, way, light)
+    return _scatter(reduction, ray, optics, at, crosses, way, light)
 
 
 @inner_kernel
 def _scatter(
-    rare: RareLight, ray: WeightedRay, optics: Optics, at: Interface, crosses: bool, way: Way,
-    light: Light,
+    reduction: VarianceReduction, ray: WeightedRay, optics: Optics, at: Interface, crosses: bool,
+    way: Way, light: Light,
 ) -> Scattered:  # fmt: skip
     weight = ray.weight
     part = scattered_parts(optics, at, crosses, way, light)
-    chance = likely_enough(part, rare.settings[R_LEAST])
+    chance = likely_enough(part, reduction.settings[R_LEAST])
     state = advance(light.state)
     if uniform(state) >= chance:
         # Unscattered: every channel keeps what the law leaves
@@ -113,8 +113,8 @@ def _scatter(
     lobe, code, state = lobe_about(optics, at, way, light, state)
     dx, dy, dz, state = draw_from_lobe(optics.tables, lobe, state)
     start = Start(ray.x, ray.y, ray.z, way.nx, way.ny, way.nz, True)
-    dx, dy, dz, aim, state = aim_or_keep(rare, start, dx, dy, dz, weight, state)
+    dx, dy, dz, aim, state = aim_or_keep(reduction, start, dx, dy, dz, weight, state)
     if aim.candidates > 0:
         density = pdf_of_lobe(optics.tables, lobe, dx, dy, dz)
-        weight *= balance(rare, start, aim, dx, dy, dz, density)
+        weight *= balance(reduction, start, aim, dx, dy, dz, density)
     return True, dx, dy, dz, code, state, weight

@@ -11,7 +11,7 @@ import math
 from raymap.jit.kernels import inline_kernel
 from raymap.jit.types import F64
 from raymap.optics.fresnel import cos2_refracted
-from tracer.compiled import R_LEAST, RareLight
+from tracer.compiled import R_LEAST, VarianceReduction
 from tracer.rays.colors import pick_channel
 from tracer.rays.random import advance, uniform
 from tracer.surfaces.dielectric import changes_by_channel, recolor_reflected
@@ -31,7 +31,7 @@ from tracer.surfaces.interaction import (
 )
 from tracer.surfaces.specular import smooth_shares
 from tracer.transport.splitting import T_CODE, T_EVENT, T_PENDING, SplitRays, may_split
-from tracer.transport.weighted.balance import likely_enough, thin_out
+from tracer.transport.weighted.balance import likely_enough, roulette
 from tracer.transport.weighted.ray import Weighted, WeightedRay, with_weight
 from tracer.transport.weighted.scattered import scatter_if_any
 
@@ -43,8 +43,8 @@ _TOTAL = 1.0 - 1e-9
 
 @inline_kernel
 def meet_smooth(
-    rare: RareLight, split: SplitRays | None, ray: WeightedRay, optics: Optics, tables: F64 | None,
-    at: Interface, way: Way, light: Light,
+    reduction: VarianceReduction, split: SplitRays | None, ray: WeightedRay, optics: Optics,
+    tables: F64 | None, at: Interface, way: Way, light: Light,
 ) -> Weighted:  # fmt: skip
     """Smooth interface: reflection with at least the set probability, or both parts.
 
@@ -53,7 +53,7 @@ def meet_smooth(
     code, colors, counters, weight = light.code, light.colors, light.counters, ray.weight
     n_channels = colors.shape[1]
     select = code >= n_channels and changes_by_channel(optics, at)
-    least = rare.settings[R_LEAST]
+    least = reduction.settings[R_LEAST]
     # Sum up over the channels what is reflected, and with which probability that is chosen
     first, last = (0, n_channels) if select else (code, code + 1)
     if not select and code >= n_channels:
@@ -64,7 +64,7 @@ def meet_smooth(
         r, _ = smooth_shares(optics, at, j)
         back += share * r
         chance += share * likely_enough(r, least)
-    splits = not ray.deep and 0.0 < back < _TOTAL and may_split(rare, split, ray.number)
+    splits = not ray.deep and 0.0 < back < _TOTAL and may_split(reduction, split, ray.number)
     # Draw the channel in which light would cross: all that crosses where the ray splits
     state = advance(light.state)
     u = uniform(state)
@@ -92,9 +92,9 @@ def meet_smooth(
         part = with_weight(ray, weight * back)
         off = Light(split_code, colors, counters, state)
         scattered, rx, ry, rz, split_code, state, split_weight = scatter_if_any(
-            rare, part, optics, tables, at, False, turned, off
+            reduction, part, optics, tables, at, False, turned, off
         )
-        happened, split_weight, state = thin_out(rare, 0, split_weight, state)
+        happened, split_weight, state = roulette(reduction, 0, split_weight, state)
         if happened == 0:
             state = advance(state)
             split.direction[0], split.direction[1], split.direction[2] = rx, ry, rz
@@ -110,7 +110,7 @@ def meet_smooth(
             code = recolor_reflected(optics, at, light)
         part = with_weight(ray, weight * (back / chance))
         scattered, dx, dy, dz, code, state, weight = scatter_if_any(
-            rare, part, optics, tables, at, False, turned, Light(code, colors, counters, state)
+            reduction, part, optics, tables, at, False, turned, Light(code, colors, counters, state)
         )
         return GLOSSY_REFLECTION if scattered else event, False, dx, dy, dz, code, state, weight
     weight *= 1.0 - back if splits else (1.0 - r) / (1.0 - likely_enough(r, least))
@@ -129,7 +129,7 @@ def meet_smooth(
     )  # fmt: skip
     part = with_weight(ray, weight)
     scattered, dx, dy, dz, code, state, weight = scatter_if_any(
-        rare, part, optics, tables, at, True, through, Light(code, colors, counters, state)
+        reduction, part, optics, tables, at, True, through, Light(code, colors, counters, state)
     )
     if scattered:
         event = (event & SELECT) | GLOSSY_TRANSMISSION

@@ -18,12 +18,12 @@ from tracer.compiled import (
     TARGET_RING,
     TARGET_ROW,
     TARGET_SPHERE,
-    RareLight,
+    VarianceReduction,
 )
 from tracer.description.fields import Node
 from tracer.geometry.shapes import Annulus, Rectangle, Shape
 
-__all__ = ["TraceModel", "compile_rare_light"]
+__all__ = ["TraceModel", "compile_variance_reduction"]
 
 Array = NDArray[np.float64]
 
@@ -41,8 +41,8 @@ class TraceModel(Node):
         of a reflection at a smooth interface, of a scatter and of light that a surface sends on;
         ``split_depth``: light is split at smooth interfaces until so many reflections have split
         it off; ``aim``: names of faces, bodies or detectors that scattered light is aimed at, with
-        the probability ``aim_share``; rays of a weight below ``roulette_weight`` are thinned out;
-        ``rays_per_emission`` is the most that one emission may become
+        the probability ``aim_share``; rays of a weight below ``roulette_weight`` meet Russian
+        roulette; ``rays_per_emission`` is the most that one emission may become
 
     ``light`` is natural or polarised. Of polarised light ``states`` says what unpolarised sources
     send: "linear" draws one linear wave per ray, "natural" carries both halves of natural light
@@ -97,12 +97,12 @@ class TraceModel(Node):
                 raise ValueError(f"{key} goes with {needed}, without which it has no effect")
 
 
-def compile_rare_light(
+def compile_variance_reduction(
     model: TraceModel,
     faces: Mapping[str, Sequence[Shape]],
     detectors: Mapping[str, tuple[Rectangle, bool]],
     origin: str,
-) -> RareLight:
+) -> VarianceReduction:
     """Settings and targets of the weighted mode for the engine.
 
     Parameters
@@ -148,7 +148,7 @@ def compile_rare_light(
             model.rays_per_emission,
         ]
     )
-    return RareLight(settings, np.array(targets).reshape(-1, TARGET_ROW))
+    return VarianceReduction(settings, np.array(targets).reshape(-1, TARGET_ROW))
 
 
 def _target(shapes: Iterable[Shape]) -> Array:
