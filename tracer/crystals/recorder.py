@@ -36,7 +36,7 @@ from tracer.crystals.rows import ISOTROPIC, KIND
 __all__ = [
     "CrystalScene",
     "CrystalTracer",
-    "Pencil",
+    "ConeSource",
     "PlaneDetector",
     "channels_of",
     "hashed_directory",
@@ -56,7 +56,7 @@ def _unit(vector: Vector, where: str) -> Real:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pencil:
+class ConeSource:
     """A disc that emits a cone of light.
 
     Attributes
@@ -128,7 +128,7 @@ class CrystalScene:
     """Crystals, sources and detectors in an isotropic world."""
 
     bodies: tuple[CrystalBody, ...]
-    sources: tuple[Pencil, ...]
+    sources: tuple[ConeSource, ...]
     detectors: tuple[PlaneDetector, ...] = ()
     wavelengths_nm: tuple[float, ...] = (589.3,)
     world: Crystal = field(default_factory=lambda: isotropic(1.0, name="air"))

@@ -29,9 +29,9 @@ from tracer.crystals.load import MediumModel as CrystalModel
 from tracer.crystals.load import medium_of
 from tracer.crystals.media import Crystal, isotropic
 from tracer.crystals.recorder import (
+    ConeSource,
     CrystalScene,
     CrystalTracer,
-    Pencil,
     PlaneDetector,
     channels_of,
     hashed_directory,
@@ -180,7 +180,7 @@ def crystal_scene_of(scene: Scene) -> CrystalScene:
     return CrystalScene(
         name=scene.title or "crystals",
         bodies=bodies,
-        sources=tuple(_pencil(scene, name, source) for name, source in sources.items()),
+        sources=tuple(_cone_source(scene, name, source) for name, source in sources.items()),
         detectors=tuple(_plane(scene, name) for name in scene.detectors),
         wavelengths_nm=tuple(float(w) for w in scene.spectrum.channels()),
         world=world,
@@ -313,7 +313,7 @@ def _planes(body: BoxBody | PrismBody) -> Array:
     return np.array(rows)
 
 
-def _pencil(scene: Scene, name: str, source: Source) -> Pencil:
+def _cone_source(scene: Scene, name: str, source: Source) -> ConeSource:
     place = f"sources.{name}"
     if not isinstance(source, SourceModel) or source.kind not in ("collimated", "point"):
         raise _refused(scene, f"{place}.kind", "light for crystals is collimated or point")
@@ -330,7 +330,7 @@ def _pencil(scene: Scene, name: str, source: Source) -> Pencil:
     if source.kind == "point" and not 0.0 < cone < 90.0:
         raise _refused(scene, f"{place}.cone_deg", "a point source needs a cone below 90 degrees")
     origin, frame = source.frame()
-    return Pencil(
+    return ConeSource(
         name=name,
         centre=_triple(origin),
         direction=_triple(frame[:, 2]),
