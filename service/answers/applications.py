@@ -101,7 +101,7 @@ class Applications:
     ) -> _Opened:
         from viewer.app.server import run_in_thread
         from viewer.drawn.state import ViewState
-        from viewer.panels.criterion import CriterionShelf
+        from viewer.panels.criterion import CriterionRegistry
 
         ray_map = self.library.open(name)
         try:
@@ -111,7 +111,7 @@ class Applications:
             text = "" if criterion is None else str(criterion)
             state = ViewState(criterion=text, detector=detector)
             # What the owner of the service asked lately is no client's business
-            server = run_in_thread(ray_map, state, shelf=CriterionShelf.empty())
+            server = run_in_thread(ray_map, state, registry=CriterionRegistry.empty())
             if not server.url:
                 server.stop()
                 raise RayMapError("the application did not start within a minute")

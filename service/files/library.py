@@ -22,7 +22,7 @@ _Stamp = tuple[tuple[int, int, int], ...]
 
 
 @dataclass(eq=False)
-class _Shelved:
+class _Opened:
     """An open map, and how many requests read it now."""
 
     map: RayMap
@@ -42,12 +42,12 @@ class Library:
 
     def __init__(self, folder: ServedFolder, size: int) -> None:
         self.folder, self.size = folder, size
-        self._shelf: dict[str, _Shelved] = {}
+        self._opened: dict[str, _Opened] = {}
         self._lock = threading.Lock()
 
     def __len__(self) -> int:
         """Maps that are open."""
-        return len(self._shelf)
+        return len(self._opened)
 
     @contextmanager
     def map(self, name: str) -> Iterator[RayMap]:
@@ -60,23 +60,23 @@ class Library:
         paths = self.folder.map_paths(name)
         stamp = _stamp(paths)
         with self._lock:
-            shelved = self._shelf.pop(name, None)
-            if shelved is not None and shelved.stamp != stamp:
-                self._drop(shelved)
-                shelved = None
-            if shelved is None:
-                shelved = _Shelved(self.open(name, paths), stamp)
-            self._shelf[name] = shelved
-            shelved.readers += 1
-            for other in list(self._shelf)[: max(0, len(self._shelf) - self.size)]:
-                self._drop(self._shelf.pop(other))
+            opened = self._opened.pop(name, None)
+            if opened is not None and opened.stamp != stamp:
+                self._drop(opened)
+                opened = None
+            if opened is None:
+                opened = _Opened(self.open(name, paths), stamp)
+            self._opened[name] = opened
+            opened.readers += 1
+            for other in list(self._opened)[: max(0, len(self._opened) - self.size)]:
+                self._drop(self._opened.pop(other))
         try:
-            yield shelved.map
+            yield opened.map
         finally:
             with self._lock:
-                shelved.readers -= 1
-                if shelved.stale and not shelved.readers:
-                    shelved.map.close()
+                opened.readers -= 1
+                if opened.stale and not opened.readers:
+                    opened.map.close()
 
     def open(self, name: str, paths: list[Path] | None = None) -> RayMap:
         """A map opened for one reader alone, who closes it."""
@@ -93,14 +93,14 @@ class Library:
     def close(self) -> None:
         """Close all maps."""
         with self._lock:
-            for shelved in self._shelf.values():
-                self._drop(shelved)
-            self._shelf.clear()
+            for opened in self._opened.values():
+                self._drop(opened)
+            self._opened.clear()
 
-    def _drop(self, shelved: _Shelved) -> None:
-        shelved.stale = True
-        if not shelved.readers:
-            shelved.map.close()
+    def _drop(self, opened: _Opened) -> None:
+        opened.stale = True
+        if not opened.readers:
+            opened.map.close()
 
 
 def check_inside(folder: ServedFolder, opened: RayMap, paths: list[Path]) -> None:

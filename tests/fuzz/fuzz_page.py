@@ -29,13 +29,13 @@ from tests.viewer.socket_page import Client
 from viewer.app.incoming import fields
 from viewer.app.server import RunningServer, run_in_thread
 from viewer.drawn.state import ViewState
-from viewer.panels.criterion import CriterionShelf
+from viewer.panels.criterion import CriterionRegistry
 
 __all__ = ["fuzz"]
 
 CALLS = (
     "frame", "pick", "hover", "camera", "criterion", "complete", "cancel", "restore", "load",
-    "hello", "rays", "object", "opacity", "tree", "add", "shelf", "region", "place", "path", "sort",
+    "hello", "rays", "object", "opacity", "tree", "add", "saved", "region", "place", "path", "sort",
     "ghost", "ray", "step_ray", "point", "same_path", "export", "dismiss", "nothing",
 )  # fmt: skip
 METHODS = (
@@ -235,7 +235,7 @@ def main(messages: int = 5_000, seed: int = 1) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = write_map(Path(folder) / "small.raymap")
         with raymap.open(path) as ray_map:
-            running = run_in_thread(ray_map, ViewState(rays=20), shelf=CriterionShelf.empty())
+            running = run_in_thread(ray_map, ViewState(rays=20), registry=CriterionRegistry.empty())
             began = time.monotonic()
             painted, closed = asyncio.run(fuzz(running, messages, seed))
             running.stop()

@@ -281,7 +281,7 @@ def test_an_application_ends_with_its_token_and_shows_nothing_of_the_services_us
     (shown,) = service.applications._opened.values()
     state = shown.server.application.page
     assert (state.recent, state.saved) == ([], [])
-    shown.server.application.shelf.use('hit("L1")')
+    shown.server.application.registry.use('hit("L1")')
     assert json.loads(kept.read_text())["recent"] == ['hit("tube")']
     tokens.remove("guest")
     for _ in range(300):

@@ -236,7 +236,7 @@ class _Compiler:
             channel_set=self._channel_set(sources.colors, laws),
             meshes=faces.meshes,
             start_bins=start_bins,
-            solids=faces.shelf.finish(),
+            solids=faces.mesh_registry.finish(),
         )
 
     def _channel_names(self) -> list[str]:

@@ -21,7 +21,7 @@ from tracer.geometry.mesh import TriangleMesh
 from tracer.geometry.other_shapes import OtherShape, check_shape
 from tracer.geometry.shape_columns import ShapeColumns
 from tracer.geometry.shapes import SEGMENTS, Polygon, Rectangle, Shape
-from tracer.scene.meshes import MeshFace, MeshShelf
+from tracer.scene.meshes import MeshFace, MeshRegistry
 from tracer.scene.model import Scene
 from tracer.scene.resolve import resolve_bodies
 from tracer.surfaces.absorber import Absorber
@@ -75,7 +75,7 @@ class FaceTable:
         self.bodies = resolve_bodies(scene)
         solid = (name for name, body in self.bodies.items() if body.medium is not None)
         self.solids = {name: number for number, name in enumerate(solid)}
-        self.shelf = MeshShelf(Path(scene.folder))
+        self.mesh_registry = MeshRegistry(Path(scene.folder))
         self.surface_numbers = {name: number for number, name in enumerate(scene.surfaces)}
         self.extra_surfaces: dict[str, Surface] = {}
         self.objects: list[SceneObject] = []
@@ -197,7 +197,7 @@ class FaceTable:
 
     def _add_mesh(self, name: str, body: MeshBody) -> None:
         """Names of a mesh's faces, and a start bin for each of them."""
-        mesh = self.shelf.place(name, body, len(self.primitives))
+        mesh = self.mesh_registry.place(name, body, len(self.primitives))
         self.placed[name] = mesh
         self._check_face_names(name, body, list(mesh.face_names))
         low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)

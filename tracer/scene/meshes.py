@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from tracer.geometry.mesh_arrays import MeshArrays
     from tracer.geometry.mesh_scene import MeshScene, Placement
 
-__all__ = ["MeshFace", "MeshShelf", "SceneMeshes"]
+__all__ = ["MeshFace", "MeshRegistry", "SceneMeshes"]
 
 Array = NDArray[np.float64]
 
@@ -66,7 +66,7 @@ class MeshFace:
         return np.zeros((0, 3)), np.zeros((0, 3), np.int32)
 
 
-class MeshShelf:
+class MeshRegistry:
     """Reads mesh files once, however often they are placed."""
 
     def __init__(self, folder: Path) -> None:

@@ -65,6 +65,6 @@ class CriterionActions(Core):
                 }
             )
         await self._answer()
-        self.shelf.use(text)
+        self.registry.use(text)
         with self.page:
-            self.page.update(self.shelf.fields())
+            self.page.update(self.registry.fields())

@@ -16,7 +16,7 @@ from viewer.app.embedding import make_server, page_file, release, start, start_w
 from viewer.app.guard import WEBSOCKET, Guard, inline_script_hashes
 from viewer.app.page import Application
 from viewer.drawn.state import ViewState
-from viewer.panels.criterion import CriterionShelf
+from viewer.panels.criterion import CriterionRegistry
 
 if TYPE_CHECKING:
     from raymap.file.reader import RayMap
@@ -51,7 +51,7 @@ class Browsers:
     ray_map : an open map
     state : where each of them begins
     token : of the address
-    shelf : recent and saved criteria, for the first browser; the user's own unless given
+    registry : recent and saved criteria, for the first browser; the user's own unless given
     most : browsers at a time
 
     Attributes
@@ -66,12 +66,12 @@ class Browsers:
         state: ViewState | None,
         token: str,
         *,
-        shelf: CriterionShelf | None = None,
+        registry: CriterionRegistry | None = None,
         most: int = MOST_BROWSERS,
     ) -> None:
         self.map, self.state, self.most = ray_map, state, most
         self.guard = Guard(token, inline_script_hashes(page_file()))
-        self._first = self._make(shelf)
+        self._first = self._make(registry)
         self.server = self._first.server
         self._by_browser: dict[str, _Own] = {}
         self.guard.watch(
@@ -173,15 +173,17 @@ class Browsers:
     def _all(self) -> list[_Own]:
         return list(dict.fromkeys([self._first, *self._by_browser.values()]))
 
-    def _make(self, shelf: CriterionShelf | None) -> _Own:
+    def _make(self, registry: CriterionRegistry | None) -> _Own:
         server = make_server(self.guard)
         first = getattr(self, "_first", None)
         bodies = None if first is None else first.application.session.painter.bodies
-        return _Own(server, Application(server, self.map, self.state, shelf=shelf, bodies=bodies))
+        return _Own(
+            server, Application(server, self.map, self.state, registry=registry, bodies=bodies)
+        )
 
     def _begin(self) -> _Own:
         """One more application, with criteria of its own."""
-        own = self._make(CriterionShelf.empty())
+        own = self._make(CriterionRegistry.empty())
         running = start_within(own.server, self.server.port)
         own.running = asyncio.ensure_future(running)
         return own

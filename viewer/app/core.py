@@ -14,7 +14,7 @@ from raymap.model.errors import CriterionError, RayMapError
 from viewer.app.inquiry import Inquiry, criterion_error
 from viewer.app.session import Session
 from viewer.drawn.state import ViewState, state_from_json, state_to_address
-from viewer.panels.criterion import CriterionShelf
+from viewer.panels.criterion import CriterionRegistry
 from viewer.panels.detector import FIELDS
 from viewer.panels.panel import PANELS, known_panel
 from viewer.panels.scene import section_fields
@@ -54,7 +54,7 @@ class Core:
     server : a trame server that is not yet started
     ray_map : an open map
     state : where to begin
-    shelf : recent and saved criteria; the user's own unless given
+    registry : recent and saved criteria; the user's own unless given
     bodies : of the scene, where another application has loaded them
     """
 
@@ -64,13 +64,13 @@ class Core:
         ray_map: RayMap,
         state: ViewState | None = None,
         *,
-        shelf: CriterionShelf | None = None,
+        registry: CriterionRegistry | None = None,
         bodies: Sequence[Body] | None = None,
     ) -> None:
         self.server, self.page = server, server.state
         self.session = Session(ray_map, state, bodies)
         self.inquiry = Inquiry(self.session)
-        self.shelf = shelf or CriterionShelf.of_user()
+        self.registry = registry or CriterionRegistry.of_user()
         self._painting = ThreadPoolExecutor(1, "paint")
         self._asking = ThreadPoolExecutor(2, "ask")
         self._tasks: set[asyncio.Task[Any]] = set()
@@ -197,7 +197,7 @@ class Core:
                 {
                     **{name: getattr(state, name) for name in (*LOOK, *FIELDS)},
                     **section_fields(state, ray_map.directory),
-                    **self.shelf.fields(),
+                    **self.registry.fields(),
                     "criterion": state.criterion, "panel": known_panel(state.panel),
                     "detector": self.inquiry.detector_name(),
                     "clip_event": state.clip.event, "clip_after": state.clip.after,

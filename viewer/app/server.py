@@ -15,7 +15,7 @@ from raymap.model.errors import RayMapError
 from viewer.app.browsers import Browsers
 from viewer.app.page import Application
 from viewer.drawn.state import ViewState
-from viewer.panels.criterion import CriterionShelf
+from viewer.panels.criterion import CriterionRegistry
 
 if TYPE_CHECKING:
     from raymap.file.reader import RayMap
@@ -72,7 +72,7 @@ class RunningServer:
     ray_map : an open map
     state : where to begin
     port : 0 takes a free one
-    shelf : recent and saved criteria; the user's own unless given
+    registry : recent and saved criteria; the user's own unless given
 
     Attributes
     ----------
@@ -87,13 +87,13 @@ class RunningServer:
         ray_map: RayMap,
         state: ViewState | None = None,
         port: int = 0,
-        shelf: CriterionShelf | None = None,
+        registry: CriterionRegistry | None = None,
     ) -> None:
         self.token = secrets.token_urlsafe(18)
         self.url = ""
         self._ready = threading.Event()
         self._failure: BaseException | None = None
-        self._arguments = (ray_map, state, port, shelf)
+        self._arguments = (ray_map, state, port, registry)
         self._loop: asyncio.AbstractEventLoop | None = None
         self._thread = threading.Thread(target=self._main, name="raymap-view", daemon=True)
         self._thread.start()
@@ -119,9 +119,9 @@ class RunningServer:
             self._ready.set()
 
     async def _serve(self) -> None:
-        ray_map, state, port, shelf = self._arguments
+        ray_map, state, port, registry = self._arguments
         self._loop = asyncio.get_running_loop()
-        self.browsers = Browsers(ray_map, state, self.token, shelf=shelf)
+        self.browsers = Browsers(ray_map, state, self.token, registry=registry)
 
         def ready(**_: Any) -> None:
             self.url = address(self.server, self.token)
@@ -152,10 +152,10 @@ def run_in_thread(
     ray_map: RayMap,
     state: ViewState | None = None,
     port: int = 0,
-    shelf: CriterionShelf | None = None,
+    registry: CriterionRegistry | None = None,
 ) -> RunningServer:
     """Serve the application beside the running program; the parameters are `RunningServer`'s."""
-    return RunningServer(ray_map, state, port, shelf)
+    return RunningServer(ray_map, state, port, registry)
 
 
 def view(map: RayMap, *, state: ViewState | None = None, height: int = 720) -> Any:

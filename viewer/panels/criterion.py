@@ -30,9 +30,9 @@ from viewer.panels.tree import (
 from viewer.panels.values import Refused, choice, maybe, text, whole
 from viewer.templates import template
 
-__all__ = ["KINDS", "CriterionShelf", "choices", "tree_fields"]
+__all__ = ["KINDS", "CriterionRegistry", "choices", "tree_fields"]
 
-_SHELF_BYTES = 1 << 20
+_REGISTRY_BYTES = 1 << 20
 
 
 def choices(directory: Directory) -> dict[str, Any]:
@@ -93,7 +93,7 @@ def tree_fields(rows: list[TreeRow], counts: dict[str, str]) -> list[dict[str, A
     ]
 
 
-class CriterionShelf:
+class CriterionRegistry:
     """Recent and saved criteria, in a small file.
 
     Parameters
@@ -108,7 +108,7 @@ class CriterionShelf:
         if self.path is None:
             return
         try:
-            if self.path.stat().st_size <= _SHELF_BYTES:
+            if self.path.stat().st_size <= _REGISTRY_BYTES:
                 stored = json.loads(self.path.read_text(encoding="utf-8"))
                 self.recent = [str(text) for text in stored.get("recent", [])][:20]
                 self.saved = {str(k): str(v) for k, v in stored.get("saved", {}).items()}
@@ -116,13 +116,13 @@ class CriterionShelf:
             pass  # nothing kept yet, or nothing readable: begin afresh
 
     @classmethod
-    def of_user(cls) -> CriterionShelf:
+    def of_user(cls) -> CriterionRegistry:
         """Those of this user, in the configuration folder."""
         base = os.environ.get("XDG_CONFIG_HOME") or str(Path.home() / ".config")
         return cls(Path(base) / "raymap" / "criteria.json")
 
     @classmethod
-    def empty(cls) -> CriterionShelf:
+    def empty(cls) -> CriterionRegistry:
         """For somebody who is not this user: begins without any, and leaves none behind."""
         return cls(None)
 
@@ -188,14 +188,14 @@ async def add_atom(app: Application, join: str, kind: str, name: str, event: str
     await app.set_criterion(tree_text(add_node(tree, place, atom, str(join))))
 
 
-def use_shelf(app: Application, action: str, name: str) -> None:
+def change_saved(app: Application, action: str, name: str) -> None:
     """Save or forget a criterion."""
     if action == "save":
-        app.shelf.save(str(name), app.session.state.criterion)
+        app.registry.save(str(name), app.session.state.criterion)
     else:
-        app.shelf.forget(str(name))
+        app.registry.forget(str(name))
     with app.page:
-        app.page.update(app.shelf.fields())
+        app.page.update(app.registry.fields())
 
 
 def _place(key: str) -> tuple[int, ...]:
@@ -243,7 +243,7 @@ KINDS = (
             "count_compare": choice("==", ">=", "<=", ">", "<", "!="),
             "count_value": whole(10**9),
         },
-        actions={"tree": edit_tree, "add": add_atom, "shelf": use_shelf},
+        actions={"tree": edit_tree, "add": add_atom, "saved": change_saved},
         fill=_fill,
     ),
 )

@@ -27,7 +27,7 @@ class Application(Protocol):
     page : the fields of the page; assign them within ``with application.page:``
     session : map, state, drawn rays (`viewer.app.session.Session`)
     inquiry : the questions of the panels and their last answers (`viewer.app.inquiry.Inquiry`)
-    shelf : recent and saved criteria
+    registry : recent and saved criteria
     quiet : the application itself sets fields at the moment: nobody at the page changed them
     stopping : is set when the running search is to end
     """
@@ -35,7 +35,7 @@ class Application(Protocol):
     page: Any
     session: Any
     inquiry: Any
-    shelf: Any
+    registry: Any
     quiet: bool
     stopping: threading.Event
 

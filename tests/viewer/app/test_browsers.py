@@ -17,7 +17,7 @@ import raymap
 from tests.viewer.socket_page import Client
 from viewer.app.server import RunningServer, run_in_thread
 from viewer.drawn.state import ViewState
-from viewer.panels.criterion import CriterionShelf
+from viewer.panels.criterion import CriterionRegistry
 
 
 async def come(running: RunningServer) -> dict[str, str]:
@@ -118,7 +118,7 @@ def number_of(cookie: dict[str, str]) -> str:
 def run(map_path: Path, script: Callable[[RunningServer], Any]) -> None:
     before = len(core.AVAILABLE_SERVERS)
     with raymap.open(map_path) as ray_map:
-        running = run_in_thread(ray_map, ViewState(rays=20), shelf=CriterionShelf.empty())
+        running = run_in_thread(ray_map, ViewState(rays=20), registry=CriterionRegistry.empty())
         try:
             asyncio.run(script(running))
         finally:

@@ -159,7 +159,7 @@ def test_unknown_keys_are_ignored(server: RunningServer) -> None:
         ("rm_ray", ["9" * 5000]),
         ("rm_ray", [math.inf]),
         ("rm_point", [10**14]),
-        ("rm_shelf", ["save", "n" * 19_000]),
+        ("rm_saved", ["save", "n" * 19_000]),
         ("rm_region", [{"shape": "rect", "values": [1e15, 1e15, 1e15, math.nan]}]),
         ("rm_place", [[10**14, 10**14]]),
         ("rm_rays", [10**14]),

@@ -29,7 +29,7 @@ from viewer.drawn.answers import (
     read_one,
 )
 from viewer.drawn.state import Section, ViewState, state_from_json, state_to_json
-from viewer.panels.criterion import CriterionShelf, choices
+from viewer.panels.criterion import CriterionRegistry, choices
 from viewer.panels.scene import section_fields, section_of
 from viewer.panels.tree import make_atom, tree_text
 
@@ -331,15 +331,15 @@ def test_choices_make_criteria_that_bind(small_map: raymap.RayMap) -> None:
 
 
 def test_recent_and_saved_criteria_are_kept(tmp_path: Path) -> None:
-    shelf = CriterionShelf(tmp_path / "deep" / "criteria.json")
+    registry = CriterionRegistry(tmp_path / "deep" / "criteria.json")
     for text in ("a", "b", "a", ""):
-        shelf.use(text)
-    shelf.save("mine", "c")
-    again = CriterionShelf(tmp_path / "deep" / "criteria.json")
+        registry.use(text)
+    registry.save("mine", "c")
+    again = CriterionRegistry(tmp_path / "deep" / "criteria.json")
     assert again.recent == ["a", "b"]
     assert again.saved == {"mine": "c"}
     again.forget("mine")
-    assert CriterionShelf(again.path).saved == {}
+    assert CriterionRegistry(again.path).saved == {}
     again.path.write_text("[1, 2", encoding="utf-8")
-    assert CriterionShelf(again.path).recent == []
-    CriterionShelf(Path("/proc/nowhere/criteria.json")).use("x")
+    assert CriterionRegistry(again.path).recent == []
+    CriterionRegistry(Path("/proc/nowhere/criteria.json")).use("x")
