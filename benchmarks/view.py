@@ -32,6 +32,7 @@ from viewer.drawn.rays import DrawnRays
 from viewer.drawn.state import ViewState
 from viewer.paint.paint import finish, paint_bodies, paint_rays
 from viewer.paint.picking import pick_segment
+from viewer.panels.paths import PathQuestions
 
 SEED = 7
 WIDTH, HEIGHT = 744, 848
@@ -110,7 +111,7 @@ def application(path: str, criteria: list[str]) -> dict[str, float]:
     start = time.perf_counter()
     ray_map = raymap.open(path, on_damage="skip")
     session = Session(ray_map, ViewState())
-    inquiry = Inquiry(session)
+    inquiry, paths = Inquiry(session), PathQuestions(session)
     first: list[float] = []
 
     def paint() -> None:
@@ -131,7 +132,7 @@ def application(path: str, criteria: list[str]) -> dict[str, float]:
         paint()
         seen.append(time.perf_counter() - begun)
         inquiry.answer(lambda: False, lambda progress: None)
-        inquiry.paths("face", False, "flux", lambda: False)
+        paths.paths("face", False, "flux", lambda: False)
         return seen[0], time.perf_counter() - begun
 
     answer("")

@@ -101,7 +101,7 @@ class Applications:
     ) -> _Opened:
         from viewer.app.server import run_in_thread
         from viewer.drawn.state import ViewState
-        from viewer.panels.criterion import CriterionRegistry
+        from viewer.panels.saved_criteria import CriterionRegistry
 
         ray_map = self.library.open(name)
         try:
@@ -165,18 +165,20 @@ class Applications:
             _end(opened)
 
     def _look(self, key: str) -> dict[str, Any]:
+        from viewer.panels.detector import region_in_words
+
         with self._lock:
             opened = self._opened.get(key)
         if opened is None:
             raise BadRequest(f"drawn: no application {key!r} is open")
         application = opened.server.application
-        state = application.session.state
+        state, detector = application.session.state, application.session.detector()
         drawn: dict[str, Any] = {
             "view": key,
             "map": opened.name,
             "criterion": state.criterion,
-            "detector": application.inquiry.detector_name(),
-            "region": application.inquiry.region_in_words(),
+            "detector": detector.name if detector is not None else None,
+            "region": region_in_words(application.session),
             "ray": state.ray,
             "paths": list(state.paths),
             "answered": int(application.page.answered),

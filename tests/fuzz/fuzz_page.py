@@ -29,7 +29,7 @@ from tests.viewer.socket_page import Client
 from viewer.app.incoming import fields
 from viewer.app.server import RunningServer, run_in_thread
 from viewer.drawn.state import ViewState
-from viewer.panels.criterion import CriterionRegistry
+from viewer.panels.saved_criteria import CriterionRegistry
 
 __all__ = ["fuzz"]
 

@@ -135,9 +135,15 @@ def _in_application(ray_map: raymap.RayMap, _: Path) -> None:
     from viewer.app.inquiry import Inquiry
     from viewer.app.session import Session
     from viewer.drawn.state import ViewState
+    from viewer.panels.criterion import CriterionQuestions
+    from viewer.panels.detector import DetectorQuestions
+    from viewer.panels.paths import PathQuestions
+    from viewer.panels.report import ReportQuestions
 
     session = Session(ray_map, ViewState(rays=20))
     inquiry = Inquiry(session)
+    tree, paths = CriterionQuestions(session), PathQuestions(session)
+    detector, report = DetectorQuestions(session), ReportQuestions(session)
 
     def never() -> bool:
         return False
@@ -145,13 +151,13 @@ def _in_application(ray_map: raymap.RayMap, _: Path) -> None:
     asked: tuple[Callable[[], object], ...] = (
         lambda: inquiry.draw(never, lambda drawn: None),
         lambda: inquiry.answer(never, lambda part: None),
-        lambda: inquiry.tree(never),
-        lambda: inquiry.paths("face", False, "flux", never),
-        lambda: inquiry.paths("object", True, "rays", never),
-        lambda: inquiry.ghosts(never),
-        lambda: inquiry.look_at_detector(never),
-        lambda: inquiry.read_report(0),
-        inquiry.point_fields,
+        lambda: tree.tree(never),
+        lambda: paths.paths("face", False, "flux", never),
+        lambda: paths.paths("object", True, "rays", never),
+        lambda: paths.ghosts(never),
+        lambda: detector.look_at_detector(never),
+        lambda: report.read_report(0),
+        report.point_fields,
         session.legend,
         session.objects,
         lambda: session.frame(64, 48, 1.0, coarse=False),

@@ -36,6 +36,8 @@ ACTS = """
         "criterion": app.page.criterion, "answer": app.page.answer_text,
         "after": app.page.bounce_rows, "taken": fields()["most_bounces"](""),
     }
+    await app.open_ray("7")
+    told |= {"ray": app.page.report["facts"][0], "of_ray": app.page.bounces_of_ray}
 """
 TAIL = """
     app.close()
@@ -52,7 +54,8 @@ def test_a_panel_counts_and_selects(tmp_path: Path) -> None:
     path = tmp_path / "small.raymap"
     write_map(path)
     with raymap.open(path) as opened:
-        counts = [max(len(ray.points) - 2, 0) for ray in rays_of(opened)]
+        rays = rays_of(opened)
+        counts = [max(len(ray.points) - 2, 0) for ray in rays]
     right = [{"number": n, "rays": counts.count(n)} for n in range(4)]
     assert right[2]["rays"] > 0
     done = run(site, "-c", HEAD + ACTS + TAIL, str(path))
@@ -65,6 +68,8 @@ def test_a_panel_counts_and_selects(tmp_path: Path) -> None:
     assert told["answer"].startswith(f"{right[2]['rays']:,} of")
     assert [row["rays"] for row in told["after"]] == [0, 0, right[2]["rays"], 0]
     assert told["taken"] == 0
+    assert told["ray"] == ["Ray", "7"]
+    assert told["of_ray"] == next(n for ray, n in zip(rays, counts, strict=True) if ray.id == 7)
 
 
 def test_a_session_of_a_panel_that_is_not_installed_opens_with_another(tmp_path: Path) -> None:

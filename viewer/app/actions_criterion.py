@@ -49,22 +49,19 @@ class CriterionActions(Core):
             with self.page:
                 self.page.criterion_error = criterion_error(error)
             return
-        shown = self.inquiry.detector_name()
-        asked = demanded_detector(criterion_tree(text), self.page.detectors) or shown
-        if asked != shown:
-            self.inquiry.place = None
+        names = [entry.name for entry in self.session.map.directory.detectors]
+        shown = self.session.detector()
+        asked = demanded_detector(criterion_tree(text), names) or (shown and shown.name)
         self.session.update(criterion=text, paths=(), detector=asked)
         with self.page:
             self.page.update(
                 {
+                    **self.followed(),
                     "criterion": text,
-                    "detector": asked,
                     "criterion_error": None,
-                    "tree_place": None,
-                    "region": self.region(),
                 }
             )
         await self._answer()
         self.registry.use(text)
         with self.page:
-            self.page.update(self.registry.fields())
+            self.page.update(self.followed())

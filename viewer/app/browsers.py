@@ -16,7 +16,7 @@ from viewer.app.embedding import make_server, page_file, release, start, start_w
 from viewer.app.guard import WEBSOCKET, Guard, inline_script_hashes
 from viewer.app.page import Application
 from viewer.drawn.state import ViewState
-from viewer.panels.criterion import CriterionRegistry
+from viewer.panels.saved_criteria import CriterionRegistry
 
 if TYPE_CHECKING:
     from raymap.file.reader import RayMap

@@ -14,9 +14,8 @@ from raymap.model.errors import CriterionError, RayMapError
 from viewer.app.inquiry import Inquiry, criterion_error
 from viewer.app.session import Session
 from viewer.drawn.state import ViewState, state_from_json, state_to_address
-from viewer.panels.criterion import CriterionRegistry
-from viewer.panels.detector import FIELDS
 from viewer.panels.panel import PANELS, known_panel
+from viewer.panels.saved_criteria import CriterionRegistry
 from viewer.panels.scene import section_fields
 
 if TYPE_CHECKING:
@@ -70,6 +69,7 @@ class Core:
         self.server, self.page = server, server.state
         self.session = Session(ray_map, state, bodies)
         self.inquiry = Inquiry(self.session)
+        self.questions = self._questions()
         self.registry = registry or CriterionRegistry.of_user()
         self._painting = ThreadPoolExecutor(1, "paint")
         self._asking = ThreadPoolExecutor(2, "ask")
@@ -83,6 +83,10 @@ class Core:
         self._damage_told = 0
         self._told = (0, False)
         server.raymap_incoming.say = self.say
+
+    def _questions(self) -> dict[str, Any]:
+        """What the panels ask with, nothing asked yet."""
+        return {panel.word: panel.questions(self.session) for panel in PANELS.kinds()}
 
     def _guarded(self, function: Callable[..., Any]) -> Callable[..., Any]:
         """Turn refused requests into messages on the page; the server goes on.
@@ -195,17 +199,15 @@ class Core:
         with self.page:
             self.page.update(
                 {
-                    **{name: getattr(state, name) for name in (*LOOK, *FIELDS)},
+                    **{name: getattr(state, name) for name in LOOK},
                     **section_fields(state, ray_map.directory),
-                    **self.registry.fields(),
+                    **self.followed(),
                     "criterion": state.criterion, "panel": known_panel(state.panel),
-                    "detector": self.inquiry.detector_name(),
                     "clip_event": state.clip.event, "clip_after": state.clip.after,
                     "clip_until": state.clip.until,
                     "ray_step": min(step, len(RAY_STEPS) - 1), "rays_text": f"{state.rays:,}",
                     "objects": self.session.objects(),
-                    "region": self.region(),
-                    "point": state.point, "parallel": self._parallel(),
+                    "parallel": self._parallel(),
                     "up": state.up,
                     "map_name": ray_map.path.name, "map_title": str(ray_map.path),
                     "map_rays": count, "recording": not ray_map.finished,
@@ -217,10 +219,11 @@ class Core:
         camera = self.session.state.camera
         return camera is None or camera.parallel
 
-    def region(self) -> dict[str, Any] | None:
-        """The region that the criterion demands of the shown detector, to be drawn on it."""
-        region = self.inquiry.region()
-        return asdict(region) if region is not None else None
+    def followed(self) -> dict[str, Any]:
+        """What the panels' fields repeat of what the session shows."""
+        return {
+            name: value for panel in PANELS.kinds() for name, value in panel.follow(self).items()
+        }
 
     def repaint(self, **fields: Any) -> None:
         """Show a new picture, and the session in the address."""
@@ -240,7 +243,8 @@ class Core:
 
     def _restart(self, state: ViewState) -> None:
         self.session.state = state
-        self.session.chosen, self.inquiry.report = None, None
+        self.session.chosen = None
+        self.questions = self._questions()
         self._push()
         self._spawn(self._answer())
 
@@ -356,26 +360,11 @@ class Core:
         """A new criterion, from the editor, a panel or a list."""
         raise NotImplementedError
 
-    # -- report ----------------------------------------------------------------------------------
-
     async def open_ray(self, text: str, point: int | None = None) -> None:
-        """Open the report of a ray by its number."""
-        try:
-            number = int(str(text).strip().replace(",", ""))
-        except ValueError:
-            with self.page:
-                self.page.report_error = f"{text!r} is no ray number"
-            return
-        try:
-            fields = await self.ask(self.inquiry.read_report, number)
-        except RayMapError as error:
-            with self.page:
-                self.page.report_error = str(error)
-            return
-        self.quiet = True
-        self.session.update(ray=number, point=0 if point is None else point, panel="report")
-        self.repaint(**fields, **self.inquiry.point_fields(), report_error="", panel="report")
-        self.quiet = False
+        """A ray was chosen, by its number: panels that show one open it."""
+        for panel in PANELS.kinds():
+            if panel.ray is not None:
+                await panel.ray(self, text, point)
 
 
 def _ignore(_: object) -> None:

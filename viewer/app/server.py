@@ -15,7 +15,7 @@ from raymap.model.errors import RayMapError
 from viewer.app.browsers import Browsers
 from viewer.app.page import Application
 from viewer.drawn.state import ViewState
-from viewer.panels.criterion import CriterionRegistry
+from viewer.panels.saved_criteria import CriterionRegistry
 
 if TYPE_CHECKING:
     from raymap.file.reader import RayMap

@@ -25,6 +25,7 @@ from viewer.paint.rendering import encode_jpeg, encode_png
 
 if TYPE_CHECKING:
     from raymap.file.reader import RayMap
+    from raymap.model.directory import Detector
     from viewer.drawn.bodies import Body
 
 __all__ = ["MOST_PIXELS", "MOST_PIXELS_ACROSS", "Session"]
@@ -49,7 +50,8 @@ class Session:
     ----------
     state : what is shown
     drawing : the rays of the selection that are drawn
-    chosen : the ray of the report, or None
+    chosen : the ray that stands out, or None
+    path_names : short names of paths by their criteria, as far as a table has told them
     """
 
     def __init__(
@@ -65,6 +67,7 @@ class Session:
         self.painter = Painter(loaded, ray_map.directory)
         self.drawing = Drawing(rays=no_rays(), labels={})
         self.chosen: DrawnRays | None = None
+        self.path_names: dict[str, str] = {}
         self._shown: tuple[object, Shown] | None = None
         self._lock = threading.Lock()
 
@@ -75,6 +78,12 @@ class Session:
         before = self.state
         self.state = replace(before, **changes)
         return self.state != before
+
+    def detector(self) -> Detector | None:
+        """The detector that is shown: the first one unless another is chosen."""
+        detectors = self.map.directory.detectors
+        chosen = [entry for entry in detectors if entry.name == self.state.detector]
+        return next(iter([*chosen, *detectors]), None)
 
     def shown(self) -> Shown:
         """The rays as segments with colours, remembered until something about them changes."""

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import json
-import os
 import threading
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from query.expression.arguments import Events, Names
 from query.expression.names import escape
 from raymap.model.directory import Directory
+from raymap.model.errors import RayMapError
 from raymap.model.events import FAMILIES
-from viewer.panels.panel import Application, Panel, Question
+from viewer.drawn.answers import count_rays
+from viewer.panels.panel import Application, Panel, Question, Session
 from viewer.panels.tree import (
     GROUPS,
     TreeRow,
@@ -25,14 +24,13 @@ from viewer.panels.tree import (
     negate_node,
     remove_node,
     set_group,
+    tree_rows,
     tree_text,
 )
 from viewer.panels.values import Refused, choice, maybe, text, whole
 from viewer.templates import template
 
-__all__ = ["KINDS", "CriterionRegistry", "choices", "tree_fields"]
-
-_REGISTRY_BYTES = 1 << 20
+__all__ = ["KINDS", "CriterionQuestions", "choices"]
 
 
 def choices(directory: Directory) -> dict[str, Any]:
@@ -93,73 +91,35 @@ def tree_fields(rows: list[TreeRow], counts: dict[str, str]) -> list[dict[str, A
     ]
 
 
-class CriterionRegistry:
-    """Recent and saved criteria, in a small file.
+class CriterionQuestions:
+    """Counts the rays of each part of a session's criterion."""
 
-    Parameters
-    ----------
-    path : of the file; None keeps them as long as the application runs
-    """
+    def __init__(self, session: Session) -> None:
+        self.session = session
+        self.told: str | None = None
 
-    def __init__(self, path: Path | None) -> None:
-        self.path = path
-        self.recent: list[str] = []
-        self.saved: dict[str, str] = {}
-        if self.path is None:
-            return
-        try:
-            if self.path.stat().st_size <= _REGISTRY_BYTES:
-                stored = json.loads(self.path.read_text(encoding="utf-8"))
-                self.recent = [str(text) for text in stored.get("recent", [])][:20]
-                self.saved = {str(k): str(v) for k, v in stored.get("saved", {}).items()}
-        except (OSError, ValueError, AttributeError):
-            pass  # nothing kept yet, or nothing readable: begin afresh
+    def tree(self, cancel: Callable[[], bool]) -> list[dict[str, Any]]:
+        """The criterion as a tree with the number of rays of each node."""
+        rows = tree_rows(criterion_tree(self.session.state.criterion))
+        counts: dict[str, str] = {}
+        for row in rows:
+            if cancel():
+                break
+            try:
+                found = count_rays(self.session.map, row.text, cancel=cancel)
+                counts[row.text] = f"{found.matched:,}"
+            except RayMapError:
+                counts[row.text] = ""
+        return tree_fields(rows, counts)
 
-    @classmethod
-    def of_user(cls) -> CriterionRegistry:
-        """Those of this user, in the configuration folder."""
-        base = os.environ.get("XDG_CONFIG_HOME") or str(Path.home() / ".config")
-        return cls(Path(base) / "raymap" / "criteria.json")
+    def plain_tree(self) -> list[dict[str, Any]]:
+        """The criterion as a tree, not yet counted."""
+        return tree_fields(tree_rows(criterion_tree(self.session.state.criterion)), {})
 
-    @classmethod
-    def empty(cls) -> CriterionRegistry:
-        """For somebody who is not this user: begins without any, and leaves none behind."""
-        return cls(None)
 
-    def use(self, text: str) -> None:
-        """Put a criterion on top of the recent ones."""
-        if text.strip():
-            self.recent = [text, *(other for other in self.recent if other != text)][:20]
-            self._write()
-
-    def save(self, name: str, text: str) -> None:
-        """Keep a criterion under a name."""
-        self.saved[name] = text
-        self._write()
-
-    def forget(self, name: str) -> None:
-        """Drop a saved criterion."""
-        self.saved.pop(name, None)
-        self._write()
-
-    def _write(self) -> None:
-        if self.path is None:
-            return
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            part = self.path.with_suffix(f".{os.getpid()}.part")
-            content = {"recent": self.recent, "saved": self.saved}
-            part.write_text(json.dumps(content, indent=1, ensure_ascii=False), encoding="utf-8")
-            os.replace(part, self.path)
-        except OSError:
-            pass  # a home that cannot be written loses the list, not the session
-
-    def fields(self) -> dict[str, Any]:
-        """For the page."""
-        return {
-            "recent": self.recent[:10],
-            "saved": [{"name": name, "text": text} for name, text in self.saved.items()],
-        }
+def _questions(app: Application) -> CriterionQuestions:
+    found: CriterionQuestions = app.questions["criterion"]
+    return found
 
 
 async def edit_tree(app: Application, action: str, key: str, value: str) -> None:
@@ -213,10 +173,18 @@ def _names(value: Any) -> dict[str, str]:
     return {key: text(4096)(name) for key, name in value.items()}
 
 
+def _follow(app: Application) -> dict[str, Any]:
+    asked, criterion = _questions(app), app.session.state.criterion
+    same, asked.told = asked.told == criterion, criterion
+    registry: dict[str, Any] = app.registry.fields()
+    # The chosen line was one of another tree
+    return registry if same else registry | {"tree_place": None}
+
+
 async def _fill(app: Application, cancel: threading.Event) -> Sequence[Question]:
     with app.page:
-        app.page.tree = app.inquiry.plain_tree()
-    return [lambda: {"tree": app.inquiry.tree(cancel.is_set)}]
+        app.page.tree = _questions(app).plain_tree()
+    return [lambda: {"tree": _questions(app).tree(cancel.is_set)}]
 
 
 KINDS = (
@@ -235,6 +203,8 @@ KINDS = (
             "save_name": "",
             **choices(app.session.map.directory),
         },
+        follow=_follow,
+        questions=CriterionQuestions,
         incoming={
             "tree_place": maybe(text(1000, r"[0-9.]*")),
             "atom_kind": _kind,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import base64
 import math
 import threading
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -15,26 +15,32 @@ from numpy.typing import NDArray
 from query.answers.images.pictures import DetectorImage
 from query.answers.images.readings import readings
 from raymap.model.doubt import FOOTNOTE, MARK, with_error
+from raymap.model.errors import RayMapError
+from raymap.optics.cells import cells_by_angle
 from raymap.optics.cellsizes import bin_cells
+from viewer.drawn.answers import detector_image
 from viewer.drawn.falsecolor import COLORMAPS, apply_colormap
 from viewer.drawn.state import Region
 from viewer.paint.plots import profile
 from viewer.paint.rendering import encode_png
-from viewer.panels.panel import Application, Panel, Question
-from viewer.panels.tree import criterion_tree, tree_text, with_region
+from viewer.panels.panel import Application, Panel, Question, Session
+from viewer.panels.tree import (
+    criterion_region,
+    criterion_tree,
+    region_values,
+    tree_text,
+    with_region,
+)
 from viewer.panels.values import choice, flag, maybe, text
 from viewer.templates import template
 
 __all__ = [
-    "FIELDS",
     "KINDS",
+    "DetectorQuestions",
     "Seen",
     "calm_binning",
-    "cross_sections",
-    "density_facts",
     "finest_binning",
-    "image_url",
-    "scale_fields",
+    "region_in_words",
 ]
 
 _BINNINGS = (1, 2, 4, 8, 16)
@@ -225,27 +231,167 @@ def cross_sections(
     return "".join(parts)
 
 
+def region_of(session: Session) -> Region | None:
+    """The region of the shown detector that the criterion demands."""
+    detector = session.detector()
+    if detector is None:
+        return None
+    try:
+        return criterion_region(criterion_tree(session.state.criterion), detector)
+    except RayMapError:
+        return None
+
+
+def region_in_words(session: Session) -> dict[str, Any] | None:
+    """The region as criteria write it: in cells, of a far field in degrees of C and gamma."""
+    region, detector = region_of(session), session.detector()
+    if region is None or detector is None:
+        return None
+    said = {"shape": region.shape, "values": list(region_values(region, detector))}
+    return said if cells_by_angle(detector) is None else said | {"unit": "deg"}
+
+
+class DetectorQuestions:
+    """Asks for the pictures of a session's detector."""
+
+    def __init__(self, session: Session) -> None:
+        self.session = session
+        self.images: tuple[Seen, Seen] | None = None
+        self._place: tuple[str, int, int] | None = None
+        self._full: tuple[object, Seen] | None = None
+
+    def place(self) -> tuple[int, int] | None:
+        """The cell of the shown detector that the cross sections go through, once one is chosen."""
+        detector = self.session.detector()
+        if detector is None or self._place is None or self._place[0] != detector.name:
+            return None
+        return self._place[1:]
+
+    def go_to(self, u: int, v: int) -> bool:
+        """Choose a cell; whether it is another now."""
+        detector = self.session.detector()
+        if detector is None or self.place() == (u, v):
+            return False
+        self._place = (detector.name, u, v)
+        return True
+
+    def look_at_detector(self, cancel: Callable[[], bool]) -> dict[str, Any]:
+        """Images of the selected rays and of all rays."""
+        session = self.session
+        detector = session.detector()
+        if detector is None:
+            return {"detector_cells": None}
+        name = detector.name
+        key = (name, session.map.rays)
+        if self._full is None or self._full[0] != key:
+            image = detector_image(session.map, name, "", cancel=cancel)
+            if cancel():
+                return {}
+            self._full = key, Seen.of(image)
+        selected = self._full[1]
+        if session.state.criterion.strip():
+            image = detector_image(session.map, name, session.state.criterion, cancel=cancel)
+            if cancel():
+                return {}
+            selected = Seen.of(image)
+        self.images = selected, self._full[1]
+        return self.detector_fields()
+
+    def detector_fields(self) -> dict[str, Any]:
+        """The images with the chosen colours, scales and sections."""
+        state, directory = self.session.state, self.session.map.directory
+        detector = self.session.detector()
+        if detector is None or self.images is None:
+            return {"detector_cells": None}
+        mine, every = self.images
+        finest = finest_binning(detector.cells)
+        lit = (every if state.image == "full" else mine).image.lit
+        binning = max(state.binning or finest * calm_binning(lit.blocks(lit.flux, finest)), finest)
+        selected, whole = (
+            seen.image.lit.blocks(seen.image.lit.flux, binning) for seen in self.images
+        )
+        shown = whole if state.image == "full" else selected
+        top, unit = float(shown.max()), directory.flux_unit
+        options: dict[str, Any] = {"log": state.log_scale, "colormap": state.colormap}
+        drawn = {**options, "cells": detector.cells, "binning": binning}
+        place = self.place()
+        if place is None:
+            peak = np.unravel_index(int(np.argmax(shown)), shown.shape)
+            place = (int(peak[1]) * binning, int(peak[0]) * binning)
+        u, v = place[0] // binning, place[1] // binning
+        note = "" if selected.max() > 0 else "No ray of the selection reaches this detector."
+        if whole.max() <= 0:
+            note = "No ray of the map reaches this detector."
+        size_unit = detector.parameters.get("size_unit", directory.length_unit)
+        facts = [
+            ["Cells", f"{detector.cells[0]} × {detector.cells[1]}"],
+            ["Size", f"{detector.size[0]:g} × {detector.size[1]:g} {size_unit}"],
+            [f"Cell {place[0]}, {place[1]}", f"{float(selected[v, u]):.4g} {unit} selected, "
+             f"{float(whole[v, u]):.4g} {unit} in all"],
+        ]  # fmt: skip
+        facts += density_facts(mine, every, (v, u), binning)
+        sections = cross_sections(selected, whole, (u, v), log=state.log_scale)
+        return {
+            "detector_cells": list(detector.cells),
+            "binned": binning,
+            "image_selected": image_url(selected, highest=float(selected.max()), **drawn),
+            "image_full": image_url(whole, highest=float(whole.max()), **drawn),
+            "image_peaks": [mine.peak, every.peak],
+            "detector_total": f"{float(selected.sum()):.4g} {unit} selected, "
+            f"{float(whole.sum()):.4g} {unit} in all",
+            "detector_note": note,
+            "detector_facts": facts,
+            "detector_sections": sections if whole.max() > 0 else "",
+            **scale_fields(shown, top, unit=unit, binning=binning, **options),
+        }
+
+    def section_fields(self) -> dict[str, Any]:
+        """Cross sections and facts alone, for a mouse that moves over the image."""
+        fields = self.detector_fields()
+        return {name: fields[name] for name in ("detector_sections", "detector_facts")}
+
+
+def _questions(app: Application) -> DetectorQuestions:
+    found: DetectorQuestions = app.questions["detector"]
+    return found
+
+
 FIELDS = ("detector", "log_scale", "colormap", "image", "binning")
 """Fields of the page that are part of the session."""
 
 
+def _region(session: Session) -> dict[str, Any] | None:
+    """The region, to be drawn on the picture."""
+    region = region_of(session)
+    return asdict(region) if region is not None else None
+
+
+def _follow(app: Application) -> dict[str, Any]:
+    session = app.session
+    detector = session.detector()
+    return {
+        **{name: getattr(session.state, name) for name in FIELDS},
+        "detector": detector.name if detector is not None else None,
+        "region": _region(session),
+    }
+
+
 async def _take_detector(app: Application) -> None:
-    before = app.inquiry.detector_name()
+    before = app.session.detector()
     changes = {name: app.page[name] for name in FIELDS}
     if app.quiet or not app.change(**changes):
         return
-    if app.inquiry.detector_name() != before:
-        app.inquiry.place = None
+    if app.session.detector() != before:
         await app.fill_panel(app.stopping, "detector")
-        app.repaint(region=app.region())
+        app.repaint(region=_region(app.session))
         return
-    fields = await app.ask(app.inquiry.detector_fields)
+    fields = await app.ask(_questions(app).detector_fields)
     app.repaint(**fields)
 
 
 async def set_region(app: Application, region: dict[str, Any] | None) -> None:
     """A region was drawn on the image, or taken away."""
-    detector = app.inquiry.detector()
+    detector = app.session.detector()
     if detector is None:
         return
     value = None
@@ -260,18 +406,17 @@ async def set_region(app: Application, region: dict[str, Any] | None) -> None:
 async def set_place(app: Application, place: list[int] | None) -> None:
     """The cell under the mouse: cross sections go through it."""
     cells = app.page.detector_cells
-    if place is None or not cells or app.inquiry.images is None:
+    if place is None or not cells or _questions(app).images is None:
         return
     u, v = int(place[0]), int(place[1])
-    if 0 <= u < cells[0] and 0 <= v < cells[1] and app.inquiry.place != (u, v):
-        app.inquiry.place = (u, v)
-        fields = await app.ask(app.inquiry.section_fields)
+    if 0 <= u < cells[0] and 0 <= v < cells[1] and _questions(app).go_to(u, v):
+        fields = await app.ask(_questions(app).section_fields)
         with app.page:
             app.page.update(fields)
 
 
 async def _fill(app: Application, cancel: threading.Event) -> Sequence[Question]:
-    return [lambda: app.inquiry.look_at_detector(cancel.is_set)]
+    return [lambda: _questions(app).look_at_detector(cancel.is_set)]
 
 
 KINDS = (
@@ -297,6 +442,8 @@ KINDS = (
             "detector_sections": "",
             "detector_total": "",
         },
+        follow=_follow,
+        questions=DetectorQuestions,
         incoming={
             "detector": maybe(text(1024)),
             "log_scale": flag,

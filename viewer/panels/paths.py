@@ -3,20 +3,32 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
+
+from query.answers.paths.ghosts import ghost_reflections
+from query.atoms.event import event
 from raymap.model.doubt import FOOTNOTE, MARK, is_doubtful, marked
+from viewer.drawn.answers import ghost_matrix, join_criteria, path_table
 from viewer.drawn.falsecolor import PALETTE
 from viewer.drawn.itinerary import headline
 from viewer.drawn.state import MOST_PATHS, StateError
-from viewer.panels.panel import Application, Panel, Question
+from viewer.paint.plots import heat_map
+from viewer.panels.panel import Application, Panel, Question, Session
 from viewer.panels.values import choice, flag
 from viewer.templates import template
 
-__all__ = ["KINDS", "SORTS", "path_rows", "sort_rows"]
+__all__ = ["GHOSTS", "KINDS", "SORTS", "PathQuestions", "path_rows", "sort_rows"]
 
 SORTS = ("flux", "rays", "path")
+
+GHOSTS = str((ghost_reflections >= 2) & ~event("scattered"))
+"""What the table calls ghosts: at least two reflections where light may pass, too."""
+
+TOP = 60
+"""Rows of the path table on the page."""
 
 
 def sort_rows(rows: Sequence[dict[str, Any]], by: str) -> list[dict[str, Any]]:
@@ -61,6 +73,71 @@ def path_rows(
     return shown
 
 
+class PathQuestions:
+    """Asks for the paths and ghosts of a session's selection."""
+
+    def __init__(self, session: Session) -> None:
+        self.session = session
+        self.table: list[dict[str, Any]] = []
+        self.pairs: list[list[str]] = []
+
+    def paths(self, by: str, ghosts: bool, sort: str, cancel: Callable[[], bool]) -> dict[str, Any]:
+        """The path table of the selection."""
+        text = self.session.state.criterion
+        if ghosts:
+            text = join_criteria(text, GHOSTS)
+        self.table = path_table(self.session.map, text, by=by, top=TOP, cancel=cancel)
+        for row in self.table:
+            if row.get("criterion"):
+                self.session.path_names[str(row["criterion"])] = headline(str(row["path"]))
+        if cancel():
+            return {}
+        return self.sorted_paths(sort)
+
+    def sorted_paths(self, sort: str) -> dict[str, Any]:
+        """The table in an order, with the checked paths marked."""
+        unit = self.session.map.directory.flux_unit
+        rows = path_rows(sort_rows(self.table, sort), self.session.state.paths, unit)
+        count = sum(1 for row in rows if row["criterion"])
+        note = f"{count} paths" if count == len(rows) else f"the strongest {count} paths"
+        if any(row["flux_note"] for row in rows):
+            note += f" · {MARK} error above 30 %"
+        return {
+            "path_table": rows,
+            "paths_note": note if count else "",
+            "paths_message": "" if rows else "No ray of the selection takes any path.",
+            "checked_paths": list(self.session.state.paths),
+        }
+
+    def ghosts(self, cancel: Callable[[], bool]) -> dict[str, Any]:
+        """The matrix of pairs of reflecting faces in the selection."""
+        found = ghost_matrix(self.session.map, self.session.state.criterion, cancel=cancel)
+        if cancel():
+            return {"ghost_matrix": "", "ghost_note": "", "ghost_reason": ""}
+        if isinstance(found, str):
+            return {
+                "ghost_matrix": "",
+                "ghost_note": "no ghosts of two reflections",
+                "ghost_reason": found,
+            }
+        # Only faces that reflect first make rows, only faces that reflect second make columns
+        first = np.flatnonzero(found.flux.any(axis=1))
+        second = np.flatnonzero(found.flux.any(axis=0))
+        self.pairs = [[found.criterion(int(a), int(b)) for b in second] for a in first]
+        rows, columns = ([found.faces[k] for k in places] for places in (first, second))
+        values = found.flux[np.ix_(first, second)]
+        doubtful = found.doubtful[np.ix_(first, second)]
+        picture = heat_map(rows, columns, values, unit=found.flux_unit, doubtful=doubtful)
+        note = f"{MARK} error above 30 %" if doubtful.any() else ""
+        reason = FOOTNOTE.removeprefix(f"{MARK} ") if note else ""
+        return {"ghost_matrix": picture, "ghost_note": note, "ghost_reason": reason}
+
+
+def _questions(app: Application) -> PathQuestions:
+    found: PathQuestions = app.questions["paths"]
+    return found
+
+
 async def choose_path(app: Application, action: str, criterion: str) -> None:
     """Show a path alone, or together with others."""
     before = app.session.state.paths
@@ -81,7 +158,7 @@ async def choose_path(app: Application, action: str, criterion: str) -> None:
     app.session.update(**changes)
     with app.page:
         app.page.color = app.session.state.color
-        app.page.update(app.inquiry.sorted_paths(str(app.page.sort)))
+        app.page.update(_questions(app).sorted_paths(str(app.page.sort)))
     await app.redraw()
 
 
@@ -89,13 +166,13 @@ def sort_paths(app: Application, by: str) -> None:
     """Another order of the table."""
     with app.page:
         app.page.sort = by if by in SORTS else "flux"
-        app.page.update(app.inquiry.sorted_paths(str(app.page.sort)))
+        app.page.update(_questions(app).sorted_paths(str(app.page.sort)))
 
 
 async def choose_ghost(app: Application, row: str, column: str) -> None:
     """A cell of the ghost matrix: select that pair of reflections."""
     if row != "" and column != "":
-        await app.set_criterion(app.inquiry.pairs[int(row)][int(column)])
+        await app.set_criterion(_questions(app).pairs[int(row)][int(column)])
 
 
 async def _take_paths(app: Application) -> None:
@@ -106,8 +183,8 @@ async def _take_paths(app: Application) -> None:
 async def _fill(app: Application, cancel: threading.Event) -> Sequence[Question]:
     by, ghosts, sort = str(app.page.paths_by), bool(app.page.ghosts_only), str(app.page.sort)
     return [
-        lambda: app.inquiry.paths(by, ghosts, sort, cancel.is_set),
-        lambda: app.inquiry.ghosts(cancel.is_set),
+        lambda: _questions(app).paths(by, ghosts, sort, cancel.is_set),
+        lambda: _questions(app).ghosts(cancel.is_set),
     ]
 
 
@@ -131,6 +208,7 @@ KINDS = (
             "ghost_reason": "",
             "many_sources": len(app.session.map.directory.sources) > 1,
         },
+        questions=PathQuestions,
         incoming={"paths_by": choice("face", "object"), "ghosts_only": flag},
         actions={"path": choose_path, "sort": sort_paths, "ghost": choose_ghost},
         changes={("paths_by", "ghosts_only"): _take_paths},

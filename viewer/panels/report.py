@@ -8,14 +8,15 @@ from typing import Any
 
 import numpy as np
 
+from raymap.model.errors import RayMapError
 from raymap.optics.colorimetry import encode_srgb
-from viewer.drawn.answers import path_of_ray
+from viewer.drawn.answers import path_of_ray, ray_report, read_one
 from viewer.drawn.state import StateError
 from viewer.paint.plots import bars
-from viewer.panels.panel import Application, Panel, Question
+from viewer.panels.panel import Application, Panel, Question, Session
 from viewer.templates import template
 
-__all__ = ["KINDS", "point_fields", "report_fields"]
+__all__ = ["KINDS", "ReportQuestions", "point_fields", "report_fields"]
 
 
 def _number(value: Any, unit: str = "") -> str:
@@ -151,11 +152,81 @@ def _meeting(meeting: Any) -> str:
     return ", ".join(words)
 
 
+class ReportQuestions:
+    """Asks for the report of a session's chosen ray."""
+
+    def __init__(self, session: Session) -> None:
+        self.session = session
+        self.report: dict[str, Any] | None = None
+
+    def read_report(self, ray_id: int) -> dict[str, Any]:
+        """The report of one ray.
+
+        Raises
+        ------
+        RayNotFound
+        """
+        self.report = ray_report(self.session.map, ray_id)
+        self.session.chosen = read_one(self.session.map, ray_id)
+        unit = self.session.map.directory.length_unit
+        return {"report": report_fields(self.report, unit), "ray_text": str(ray_id)}
+
+    def point_fields(self) -> dict[str, Any]:
+        """The chosen point of the report."""
+        point = self.session.state.point
+        if self.report is None or point is None:
+            return {"report_point": None, "point": point}
+        ray_map = self.session.map
+        index, _ = ray_map.find_ray(int(self.report["ray_id"]))
+        channels = ray_map.channel_sets[ray_map.portions[index].channel_set]
+        spectral = channels.wavelengths_nm if channels.kind == "spectral" else None
+        labels = [label.removesuffix(" nm") for label in channels.labels]
+        fields = point_fields(self.report, point, ray_map.directory.length_unit, labels, spectral)
+        return {"report_point": fields, "point": point if fields is not None else None}
+
+    def neighbour(self, step: int) -> int | None:
+        """The next or previous drawn ray of the selection."""
+        ids = np.sort(self.session.drawing.rays.ray_ids)
+        if len(ids) == 0:
+            return None
+        current = self.session.state.ray
+        if current is None:
+            return int(ids[0] if step > 0 else ids[-1])
+        place = int(np.searchsorted(ids, current, "right" if step > 0 else "left"))
+        place = place if step > 0 else place - 1
+        return int(ids[place % len(ids)])
+
+
+def _questions(app: Application) -> ReportQuestions:
+    found: ReportQuestions = app.questions["report"]
+    return found
+
+
+async def open_ray(app: Application, text: str, point: int | None = None) -> None:
+    """Open the report of a ray by its number."""
+    try:
+        number = int(str(text).strip().replace(",", ""))
+    except ValueError:
+        with app.page:
+            app.page.report_error = f"{text!r} is no ray number"
+        return
+    try:
+        fields = await app.ask(_questions(app).read_report, number)
+    except RayMapError as error:
+        with app.page:
+            app.page.report_error = str(error)
+        return
+    app.quiet = True
+    app.session.update(ray=number, point=0 if point is None else point, panel="report")
+    app.repaint(**fields, **_questions(app).point_fields(), report_error="", panel="report")
+    app.quiet = False
+
+
 async def step_ray(app: Application, step: int) -> None:
     """The next or the previous ray."""
-    number = app.inquiry.neighbour(int(step))
+    number = _questions(app).neighbour(int(step))
     if number is not None:
-        await app.open_ray(str(number))
+        await open_ray(app, str(number))
 
 
 def choose_point(app: Application, point: int) -> None:
@@ -164,7 +235,7 @@ def choose_point(app: Application, point: int) -> None:
     if not 0 <= int(point) < points:
         raise StateError(f"the report has {points} points")
     app.session.update(point=int(point))
-    app.repaint(**app.inquiry.point_fields())
+    app.repaint(**_questions(app).point_fields())
 
 
 async def select_path_of_ray(app: Application) -> None:
@@ -174,16 +245,20 @@ async def select_path_of_ray(app: Application) -> None:
         await app.set_criterion(await app.ask(path_of_ray, ray_map, number))
 
 
-async def _open_ray(app: Application, text: str, point: int | None = None) -> None:
-    await app.open_ray(text, point)
+def _follow(app: Application) -> dict[str, Any]:
+    state = app.session.state
+    fields: dict[str, Any] = {"point": state.point}
+    return fields if state.ray is not None else fields | dict(_NO_RAY)
 
 
 async def _fill(app: Application, cancel: threading.Event) -> Sequence[Question]:
     state = app.session.state
-    if state.ray is not None and app.inquiry.report is None:
-        await app.open_ray(str(state.ray), state.point)
+    if state.ray is not None and _questions(app).report is None:
+        await open_ray(app, str(state.ray), state.point)
     return ()
 
+
+_NO_RAY = {"report": None, "report_error": "", "report_point": None, "ray_text": ""}
 
 KINDS = (
     Panel(
@@ -191,18 +266,16 @@ KINDS = (
         title="Report",
         place=40,
         markup=lambda: template("report"),
-        fields=lambda app: {
-            "report": None,
-            "report_error": "",
-            "report_point": None,
-            "ray_text": "",
-        },
+        fields=lambda app: dict(_NO_RAY),
+        follow=_follow,
+        questions=ReportQuestions,
         actions={
-            "ray": _open_ray,
+            "ray": open_ray,
             "step_ray": step_ray,
             "point": choose_point,
             "same_path": select_path_of_ray,
         },
         fill=_fill,
+        ray=open_ray,
     ),
 )

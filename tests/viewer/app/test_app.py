@@ -21,6 +21,7 @@ from viewer.app.guard import Guard
 from viewer.app.page import Application
 from viewer.app.server import RunningServer, run_in_thread
 from viewer.drawn.state import ViewState, state_to_address, state_to_json
+from viewer.panels.panel import PANELS
 
 GHOST = 'count(hit("L1", reflected)) == 2 & detected("sensor")'
 
@@ -167,6 +168,41 @@ def test_saved_sessions_and_addresses_are_taken(small_map: raymap.RayMap) -> Non
         other = ViewState(criterion='hit("tube")')
         await call("restore", state_to_address(other))
         assert app.session.state == other
+
+    drive(small_map, script)
+
+
+@pytest.mark.parametrize("gone", ["criterion", "detector", "paths", "report"])
+def test_the_application_does_without_a_panel(
+    small_map: raymap.RayMap, monkeypatch: pytest.MonkeyPatch, gone: str
+) -> None:
+    left = [place for place in PANELS._places() if place[2] != gone]
+    monkeypatch.setattr(PANELS, "_looked", left)
+    monkeypatch.setattr(PANELS, "_known", None)
+    monkeypatch.setattr(PANELS, "_listed", None)
+
+    async def script(app: Application, call: Callable[..., Any]) -> None:
+        assert [tab["word"] for tab in app.page.panels] == [place[2] for place in left]
+        await call("criterion", GHOST)
+        assert app.page.answer_text.startswith(f"{select(small_map, GHOST).matched:,} of")
+        await call("pick", {"x": 100, "y": 75, "width": 200, "height": 150})
+        for kind in PANELS.kinds():
+            app.page.panel = kind.word
+            await app._take_panel()
+        assert not app.page.messages
+
+    drive(small_map, script)
+
+
+def test_another_session_shows_nothing_of_the_one_before(small_map: raymap.RayMap) -> None:
+    async def script(app: Application, call: Callable[..., Any]) -> None:
+        await call("ray", "7")
+        await call("place", [3, 4])
+        await call("restore", state_to_address(ViewState(criterion='hit("tube")')))
+        assert app.page.report is None
+        assert app.page.report_point is None
+        assert app.session.chosen is None
+        assert app.page.recent == app.registry.recent[:10]
 
     drive(small_map, script)
 

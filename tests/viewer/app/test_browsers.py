@@ -17,7 +17,7 @@ import raymap
 from tests.viewer.socket_page import Client
 from viewer.app.server import RunningServer, run_in_thread
 from viewer.drawn.state import ViewState
-from viewer.panels.criterion import CriterionRegistry
+from viewer.panels.saved_criteria import CriterionRegistry
 
 
 async def come(running: RunningServer) -> dict[str, str]:

@@ -16,7 +16,7 @@ from query import select
 from query.answers.images.readings import reading_lines, readings
 from raymap.model.errors import RayNotFound
 from tests.viewer.small_map import CELLS, write_map
-from viewer.app.inquiry import GHOSTS, Inquiry, criterion_error
+from viewer.app.inquiry import Inquiry, criterion_error
 from viewer.app.session import Session
 from viewer.drawn.answers import (
     count_rays,
@@ -29,7 +29,11 @@ from viewer.drawn.answers import (
     read_one,
 )
 from viewer.drawn.state import Section, ViewState, state_from_json, state_to_json
-from viewer.panels.criterion import CriterionRegistry, choices
+from viewer.panels.criterion import CriterionQuestions, choices
+from viewer.panels.detector import DetectorQuestions
+from viewer.panels.paths import GHOSTS, PathQuestions
+from viewer.panels.report import ReportQuestions
+from viewer.panels.saved_criteria import CriterionRegistry
 from viewer.panels.scene import section_fields, section_of
 from viewer.panels.tree import make_atom, tree_text
 
@@ -91,10 +95,10 @@ def test_a_path_of_a_ray_selects_it(small_map: raymap.RayMap) -> None:
 
 
 def test_the_ghost_matrix_leads_to_its_rays(session: Session) -> None:
-    inquiry = Inquiry(session)
+    questions = PathQuestions(session)
     session.update(criterion='detected("sensor")')
-    assert "svg" in inquiry.ghosts(never)["ghost_matrix"]
-    [[criterion]] = inquiry.pairs
+    assert "svg" in questions.ghosts(never)["ghost_matrix"]
+    [[criterion]] = questions.pairs
     found = ghost_matrix(session.map, 'detected("sensor")')
     assert not isinstance(found, str)
     assert count_rays(session.map, criterion).flux == pytest.approx(found.flux.sum())
@@ -102,7 +106,7 @@ def test_the_ghost_matrix_leads_to_its_rays(session: Session) -> None:
     assert isinstance(nothing, str)
     assert "no ghosts: no ray of the selection was reflected exactly twice" in nothing
     session.update(criterion='hit("tube")')
-    said = inquiry.ghosts(never)
+    said = questions.ghosts(never)
     assert (said["ghost_matrix"], said["ghost_reason"]) == ("", nothing)
     assert said["ghost_note"] == "no ghosts of two reflections"
 
@@ -223,7 +227,7 @@ def test_the_answer_is_that_of_the_query(session: Session) -> None:
     fields = inquiry.answer(never, lambda progress: None)
     assert fields["answer_text"].startswith(f"{found.matched:,} of {session.map.rays:,} rays")
     assert f"{found.flux:.4g}" in fields["answer_flux"]
-    tree = inquiry.tree(never)
+    tree = CriterionQuestions(session).tree(never)
     assert tree[0]["rays"] == f"{found.matched:,}"
     session.update(criterion='hit("L1") & hit("tube") & detected("sensor")')
     nothing = inquiry.answer(never, lambda progress: None)
@@ -232,14 +236,14 @@ def test_the_answer_is_that_of_the_query(session: Session) -> None:
 
 
 def test_the_panels_are_filled(session: Session) -> None:
-    inquiry = Inquiry(session)
+    paths, report = PathQuestions(session), ReportQuestions(session)
     session.update(criterion=GHOST, binning=1)
-    table = inquiry.paths("face", False, "flux", never)["path_table"]
+    table = paths.paths("face", False, "flux", never)["path_table"]
     assert table
     assert all("sensor" in row["path"] for row in table)
-    assert inquiry.paths("object", True, "rays", never)["path_table"]
-    assert "svg" in inquiry.ghosts(never)["ghost_matrix"]
-    fields = inquiry.look_at_detector(never)
+    assert paths.paths("object", True, "rays", never)["path_table"]
+    assert "svg" in paths.ghosts(never)["ghost_matrix"]
+    fields = DetectorQuestions(session).look_at_detector(never)
     assert fields["detector_cells"] == list(CELLS)
     for key in ("image_selected", "image_full"):
         pixels = decode(base64.b64decode(fields[key].partition(",")[2]))
@@ -254,28 +258,27 @@ def test_the_panels_are_filled(session: Session) -> None:
         mean = next(line for line in lines if line.startswith("mean "))
         assert f"{mean.removeprefix('mean ')} {words}" in facts["Mean"]
     assert "±" in fields["image_peaks"][0]
-    report = inquiry.read_report(5)["report"]
-    assert report["facts"][0] == ["Ray", "5"]
+    assert report.read_report(5)["report"]["facts"][0] == ["Ray", "5"]
     session.update(ray=5, point=1)
-    point = inquiry.point_fields()["report_point"]
+    point = report.point_fields()["report_point"]
     assert dict(point["facts"])["Place"] == "L1.front"
     assert "svg" in point["spectrum"]
     with pytest.raises(RayNotFound):
-        inquiry.read_report(10**9)
+        report.read_report(10**9)
 
 
 def test_next_and_previous_go_through_the_drawn_rays(session: Session) -> None:
-    inquiry = Inquiry(session)
+    report = ReportQuestions(session)
     ids = sorted(session.drawing.rays.ray_ids.tolist())
     walked = []
     for _ in range(len(ids)):
-        step = inquiry.neighbour(1)
+        step = report.neighbour(1)
         assert step is not None
         walked.append(step)
         session.update(ray=step)
     assert walked == ids
-    assert inquiry.neighbour(1) == ids[0]
-    assert inquiry.neighbour(-1) == ids[-2]
+    assert report.neighbour(1) == ids[0]
+    assert report.neighbour(-1) == ids[-2]
 
 
 def test_ghosts_are_two_mirror_like_reflections(small_map: raymap.RayMap) -> None:
@@ -297,7 +300,7 @@ def test_a_map_without_meshes_or_detections_is_shown(tmp_path: Path) -> None:
         inquiry = Inquiry(session)
         inquiry.draw(never)
         assert decode(session.frame(W, H, 1.0, coarse=False)).std() > 1
-        fields = inquiry.look_at_detector(never)
+        fields = DetectorQuestions(session).look_at_detector(never)
         assert fields["detector_note"] == "No ray of the map reaches this detector."
         assert [row["drawn"] for row in session.objects()] == [False] * 3
 
@@ -309,10 +312,10 @@ def test_an_empty_unfinished_map_is_shown(tmp_path: Path) -> None:
         inquiry = Inquiry(session)
         inquiry.draw(never)
         inquiry.answer(never, lambda progress: None)
-        inquiry.paths("face", False, "flux", never)
-        inquiry.look_at_detector(never)
+        PathQuestions(session).paths("face", False, "flux", never)
+        DetectorQuestions(session).look_at_detector(never)
         assert decode(session.frame(W, H, 1.0, coarse=False)).shape == (H, W, 3)
-        assert inquiry.neighbour(1) is None
+        assert ReportQuestions(session).neighbour(1) is None
 
 
 def test_sections_of_the_controls_read_back(small_map: raymap.RayMap) -> None:
