@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from raymap.pictures.files import write_pixels
 from tracer.crystals.media import biaxial, calcite, uniaxial
-from tracer.render.images import to_bytes, write_png
+from tracer.render.images import to_bytes
 from tracer.studies.crystals.crystal_verification import verify_crystals
 from tracer.studies.microscopy.microscope import Microscope
 from tracer.studies.microscopy.thin_section import random_grains, stage_animation
@@ -34,7 +35,7 @@ def section() -> None:
     rock = random_grains(minerals, count=36, pixels=128, seed=4)
     crossed = Microscope(white_samples=41)
     panels = [rock.picture(crossed, stage_deg=angle) for angle in (0.0, 22.5, 45.0)]
-    write_png(IMAGES / "crystal_section.png", to_bytes(np.concatenate(panels, axis=1)))
+    write_pixels(IMAGES / "crystal_section.png", to_bytes(np.concatenate(panels, axis=1)))
     stage_animation(rock, crossed, IMAGES / "crystal_stage.png", frames=12)
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from raymap.optics.colorimetry import channel_display_rgb, encode_srgb
+from raymap.pictures.files import write_chart, write_pixels
 from tracer.crystals.media import biaxial, calcite
-from tracer.figures import save_figure, save_picture
 from tracer.lens import Glass, Lens
 from tracer.studies.lenses.cone import axial_cone, masked_cone
 from tracer.studies.lenses.lens_beams import parallel_beam
@@ -41,7 +41,7 @@ def level_shares_picture() -> None:
     heights = np.linspace(0.0, 12.4, 600)
     by_height = shares_by_height(LENS, heights, wavelength_nm=LINE_D)
     figure = plot_levels(level_shares(LENS, beam, depth=8), heights, by_height)
-    save_figure(figure, IMAGES / "level_shares.png")
+    write_chart(figure, IMAGES / "level_shares.png")
 
 
 def cone_picture() -> None:
@@ -51,7 +51,7 @@ def cone_picture() -> None:
         for depth in (1, 2, 6, 7, 9)
     }
     mask = masked_cone(LENS, (8.0, 0.0, -20.0), depth=4, wavelength_nm=LINE_D, n=301)
-    save_figure(plot_cones(distances, cones, mask), IMAGES / "cone_k.png")
+    write_chart(plot_cones(distances, cones, mask), IMAGES / "cone_k.png")
 
 
 def newton_picture() -> None:
@@ -63,7 +63,7 @@ def newton_picture() -> None:
     yellow = channel_display_rgb([589.3], gamut=True)[0]
     picture = encode_srgb(rings[..., None] * yellow / yellow.max())
     picture[away > r[-1]] = 1.0
-    save_figure(plot_rings(r, flux, picture), IMAGES / "newton_rings.png")
+    write_chart(plot_rings(r, flux, picture), IMAGES / "newton_rings.png")
 
 
 def conoscopy_picture() -> None:
@@ -79,7 +79,7 @@ def conoscopy_picture() -> None:
             CrystalPlate(crystal=mica, thickness_mm=0.2), view, pixels=301
         ),
     }
-    save_figure(plot_conoscopy(figures, exposure=1.2), IMAGES / "conoscopy.png")
+    write_chart(plot_conoscopy(figures, exposure=1.2), IMAGES / "conoscopy.png")
 
 
 def lens_pictures() -> None:
@@ -93,12 +93,12 @@ def lens_pictures() -> None:
     camera = LensCamera(eye=(0.0, 0.0, -70.0), half_angle_deg=15.0, pixels=300)
     spectral = lens_picture(lens, camera=camera)
     rgb = lens_picture(lens, camera=camera, color="rgb")
-    save_picture(encode_srgb(np.concatenate([spectral, rgb], axis=1)), IMAGES / "spectral_rgb.png")
+    write_pixels(IMAGES / "spectral_rgb.png", encode_srgb(np.concatenate([spectral, rgb], axis=1)))
     exact = lens_picture(lens, camera=camera, color="rgb", analyser_deg=0.0)
     schlick = lens_picture(lens, camera=camera, color="rgb", rules="schlick", analyser_deg=0.0)
     difference = 0.5 + 4.0 * (exact - schlick)
     row = np.concatenate([encode_srgb(2.0 * exact), encode_srgb(2.0 * schlick), difference], axis=1)
-    save_picture(row, IMAGES / "fresnel_schlick.png")
+    write_pixels(IMAGES / "fresnel_schlick.png", row)
 
 
 def main() -> None:
@@ -106,7 +106,7 @@ def main() -> None:
     level_shares_picture()
     cone_picture()
     newton_picture()
-    save_figure(plot_michel_levy(), IMAGES / "michel_levy.png")
+    write_chart(plot_michel_levy(), IMAGES / "michel_levy.png")
     conoscopy_picture()
     lens_pictures()
 

@@ -9,8 +9,8 @@ import numpy as np
 import raymap
 from query import detector_image
 from raymap.optics.colorimetry import encode_srgb
+from raymap.pictures.files import write_chart
 from tracer import record
-from tracer.figures import save_figure
 
 ROOT = Path(__file__).parents[1]
 IMAGES = Path(__file__).parent / "images"
@@ -36,7 +36,7 @@ def backlight_picture(path: Path) -> None:
     place = np.linspace(-29.0, 29.0, len(middle))
     axes[1].step(place, middle, where="mid", color="#0a6e9a")
     axes[1].set(xlabel="x [mm]", ylabel="illuminance [lx]", ylim=(0.0, None), title="Middle row")
-    save_figure(figure, IMAGES / "scattering-backlight.png")
+    write_chart(figure, IMAGES / "scattering-backlight.png")
 
 
 if __name__ == "__main__":

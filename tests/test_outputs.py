@@ -19,10 +19,10 @@ import typer.main
 import raymap
 from raymap.cli import application
 from raymap.model.errors import RayMapError
+from raymap.pictures.files import write_chart, write_pixels
 from raymap.tables.exr import write_exr
 from tests.viewer.small_map import write_map
-from tracer.figures import save_figure, save_picture
-from tracer.render.images import write_animation, write_png
+from tracer.render.images import write_animation
 from tracer.scattering.fits.material_file import write_result
 from tracer.scene.load import parse_scene
 from tracer.studies.section import draw_section
@@ -160,10 +160,11 @@ def _figure() -> Any:
 PIXELS = np.arange(300, dtype=np.uint8).reshape(10, 10, 3)
 WRITERS: dict[str, Callable[[Path], object]] = {
     "a.svg": lambda path: draw_section(parse_scene(SCENE), path),
-    "plot.png": lambda path: save_figure(_figure(), path),
-    "plot.pdf": lambda path: save_figure(_figure(), path),
-    "picture.jpg": lambda path: save_picture(PIXELS / 255.0, path),
-    "a.png": lambda path: write_png(path, PIXELS),
+    "plot.png": lambda path: write_chart(_figure(), path),
+    "plot.pdf": lambda path: write_chart(_figure(), path),
+    "picture.jpg": lambda path: write_pixels(path, PIXELS / 255.0),
+    "a.png": lambda path: write_pixels(path, PIXELS),
+    "a.tiff": lambda path: write_pixels(path, PIXELS),
     "film.png": lambda path: write_animation(path, [PIXELS, PIXELS], seconds_per_frame=0.1),
     "a.exr": lambda path: write_exr(path, {"Y": PIXELS[:, :, 0].astype(np.float32)}),
     "fit.csv": lambda path: write_result(path, 100 * "1,2,3\n"),
@@ -188,8 +189,8 @@ def test_other_writers_keep_the_rule(tmp_path: Path, name: str) -> None:
 def test_endings_that_nobody_writes_are_refused(tmp_path: Path) -> None:
     for name in ("scene.toml", "plot", "plot.xyz"):
         for write in (
-            lambda path: save_figure(_figure(), path),
-            lambda path: save_picture(PIXELS / 255.0, path),
+            lambda path: write_chart(_figure(), path),
+            lambda path: write_pixels(path, PIXELS / 255.0),
             lambda path: draw_section(parse_scene(SCENE), path),
         ):
             with pytest.raises(RayMapError, match="not "):

@@ -36,7 +36,13 @@ def register(app: typer.Typer) -> None:
 def picture(
     map: MapPath,
     output: Annotated[
-        Path, typer.Option("--output", "-o", help="PNG file; an existing one is replaced.")
+        Path,
+        typer.Option(
+            "--output",
+            "-o",
+            help="Its suffix chooses the format (raymap kinds pixel_formats); an existing file is "
+            "replaced.",
+        ),
     ],
     criterion: Annotated[
         str | None, typer.Argument(help="Which rays; all of them if there is no criterion.")
@@ -124,7 +130,12 @@ def chart(
     detector: Annotated[str, typer.Argument(help="Name of the detector.")],
     output: Annotated[
         Path,
-        typer.Option("--output", "-o", help=".png, .pdf or .svg; an existing file is replaced."),
+        typer.Option(
+            "--output",
+            "-o",
+            help="Its suffix chooses the format (raymap kinds chart_formats); an existing file is "
+            "replaced.",
+        ),
     ],
     criterion: Annotated[
         str | None, typer.Argument(help="Which rays; all of them if there is no criterion.")

@@ -6,13 +6,11 @@ from typing import Any
 
 from raymap.model.registry import Registry
 from viewer.export.format import EXPORT_FORMATS
-from viewer.paint.chart_formats.format import CHART_FORMATS
 from viewer.panels.panel import PANELS
 
 __all__ = ["REGISTRIES"]
 
 REGISTRIES: dict[str, Registry[Any]] = {
     "panels": PANELS,
-    "chart_formats": CHART_FORMATS,
     "export_formats": EXPORT_FORMATS,
 }

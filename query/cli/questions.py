@@ -227,7 +227,8 @@ def image(
         typer.Option(
             "-o",
             "--output",
-            help=".png, .tiff, .exr, .csv, .npy or .ies; an existing file is replaced.",
+            help="Its suffix chooses the format (raymap kinds image_formats); an existing file is "
+            "replaced.",
         ),
     ],
     criterion: Criterion = None,

@@ -98,7 +98,7 @@ def test_a_chart_is_written_by_its_suffix(site: Path, path: Path, tmp_path: Path
         ),
         (
             ("picture", "{map}", "-o", "a.exr"),
-            "in .png, .tiff, .tif, .ppm, not 'a.exr'",
+            "in .png, .tiff, .tif, .jpg, .jpeg, .ppm, not 'a.exr'",
         ),
         (("chart", "{map}", "{detector}", "-o", "a.xyz"), ".png, .pdf, .svg, .eps, not 'a.xyz'"),
         (("export-3d", "{map}", "-o", "a.xyz"), ".step, .stp, .lines, not 'a.xyz'"),

@@ -18,11 +18,13 @@ from numpy.typing import NDArray
 from raymap.model.errors import SceneError
 from raymap.model.replacing import replacing
 from raymap.optics.colorimetry import encode_srgb
+from raymap.pictures.files import write_pixels
+from raymap.tables.exr import spectral_channels, write_exr
 from tracer.crystals.bodies import BodyArrays, CrystalBody, compile_bodies
 from tracer.crystals.media import Crystal, isotropic
 from tracer.crystals.rows import ISOTROPIC, KIND
 from tracer.render.camera import Camera
-from tracer.render.images import spectral_channels, to_bytes, write_exr, write_png
+from tracer.render.images import to_bytes
 from tracer.render.room import Room, RoomArrays
 from tracer.render.spectra import primary_spectra, rgb_weights
 
@@ -104,17 +106,21 @@ class Picture:
         return error_in_steps(self.rgb, self.error_bound)
 
     def save(self, path: str | Path) -> None:
-        """Write a .png or .exr (RGB, spectral channels, error bound); nothing else is known."""
+        """Write an .exr (RGB, spectral channels, error bound), or colours in any other format.
+
+        Raises
+        ------
+        RayMapError
+            there is no such format (``raymap kinds pixel_formats``).
+        """
         target = Path(path)
-        if target.suffix.lower() == ".png":
-            write_png(target, to_bytes(self.rgb))
-        elif target.suffix.lower() == ".exr":
+        if target.suffix.lower() != ".exr":
+            write_pixels(target, to_bytes(self.rgb))
+        else:
             channels = dict(zip("RGB", np.moveaxis(self.rgb, -1, 0), strict=True))
             channels |= spectral_channels(self.wavelengths_nm, self.spectral)
             channels |= {"pruning.steps": self.error_steps, "depth.truncated": self.truncated}
             write_exr(target, channels, text={"spectralLayoutVersion": "1.0"})
-        else:
-            raise SceneError(f"picture {str(target)!r}: write .png or .exr")
 
 
 @dataclass(frozen=True, kw_only=True)

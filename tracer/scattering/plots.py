@@ -10,7 +10,7 @@ import numpy as np
 
 from raymap.model.doubt import marked
 from raymap.model.extras import require
-from tracer.figures import save_figure
+from raymap.pictures.files import write_chart
 from tracer.scattering.fits.fit_material import MaterialFit
 from tracer.scattering.plates.goniophotometer import Goniogram
 
@@ -69,7 +69,7 @@ def plot_parameters(fit: MaterialFit, path: Path) -> None:
     axis.set(xlabel="g held (spectral average)", ylabel="χ² above its minimum", ylim=(0.0, 6.0))
     axis.grid(alpha=0.25)
     figure.suptitle(fit.name)
-    save_figure(figure, path, dpi=110)
+    write_chart(figure, path)
     plt.close(figure)
 
 
@@ -106,7 +106,7 @@ def plot_measured(fit: MaterialFit, path: Path) -> None:
     for axis in axes:
         axis.grid(alpha=0.25)
     figure.suptitle(f"{fit.name}: measured (points) and computed (lines)")
-    save_figure(figure, path, dpi=110)
+    write_chart(figure, path)
     plt.close(figure)
 
 
@@ -156,7 +156,7 @@ def plot_goniogram(light: Goniogram, path: Path, *, title: str = "") -> None:
         + f"R = {_share(light.reflectance, light.reflectance_se)}, "
         + f"T = {_share(light.transmittance, light.transmittance_se)}"
     )
-    save_figure(figure, path, dpi=110)
+    write_chart(figure, path)
     plt.close(figure)
 
 
@@ -213,5 +213,5 @@ def plot_spectrum(spectrum: Sequence[Goniogram], path: Path, *, title: str = "")
              title=title)  # fmt: skip
     axis.grid(alpha=0.25)
     axis.legend(frameon=False)
-    save_figure(figure, path, dpi=110)
+    write_chart(figure, path)
     plt.close(figure)

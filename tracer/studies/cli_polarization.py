@@ -89,12 +89,12 @@ def lens_levels(
     """Show the share of a parallel beam that leaves a lens at each level of its tree."""
     import numpy as np
 
-    from tracer.figures import check_figure, save_figure
+    from raymap.pictures.files import check_chart, write_chart
     from tracer.studies.lenses.lens_beams import parallel_beam
     from tracer.studies.lenses.levels import level_shares, shares_by_height
 
     if output is not None:
-        check_figure(output)
+        check_chart(output)
     lens = _lens(radii, thickness, semi_apertures, glass)
     beam = parallel_beam(lens, rays, wavelength_nm=wavelength, field_deg=field)
     shares = level_shares(lens, beam, depth=depth, mode=mode)
@@ -105,7 +105,7 @@ def lens_levels(
         by_height = shares_by_height(
             lens, heights, wavelength_nm=wavelength, depth=min(depth, 8), mode=mode
         )
-        save_figure(plot_levels(shares, heights, by_height), output)
+        write_chart(plot_levels(shares, heights, by_height), output)
     numbers = {
         "levels": shares.share.tolist(),
         "exits_per_ray": shares.exits.tolist(),
@@ -141,11 +141,11 @@ def lens_cone(
     """Find the cone K of directions whose whole tree never meets the rim of a lens."""
     import numpy as np
 
-    from tracer.figures import check_figure, save_figure
+    from raymap.pictures.files import check_chart, write_chart
     from tracer.studies.lenses.cone import axial_cone, masked_cone
 
     if output is not None:
-        check_figure(output)
+        check_chart(output)
     lens = _lens(radii, thickness, semi_apertures, glass)
     mask = masked_cone(lens, point, depth=depth, wavelength_nm=wavelength)
     on_axis = point[0] == 0.0 and point[1] == 0.0
@@ -170,7 +170,7 @@ def lens_cone(
             ]
             for level in depths
         }
-        save_figure(plot_cones(distances, cones, mask), output)
+        write_chart(plot_cones(distances, cones, mask), output)
     if json:
         emit_json(numbers)
         return
@@ -202,21 +202,21 @@ def lens_vignetting(
     """Show what a lens loses of parallel beams on its rim, by field angle."""
     import numpy as np
 
-    from tracer.figures import check_figure, save_figure
+    from raymap.pictures.files import check_chart, write_chart
     from tracer.lens.errors import LensError
     from tracer.studies.lenses.vignetting import vignetting
 
     if steps < 2 or not 0.0 < field < 90.0:
         raise LensError("field must lie between 0 and 90 degrees, steps must be 2 or more")
     if output is not None:
-        check_figure(output)
+        check_chart(output)
     lens = _lens(radii, thickness, semi_apertures, glass)
     angles = np.linspace(0.0, field, steps)
     result = vignetting(lens, angles, wavelength_nm=wavelength, depth=depth, rays=rays)
     if output is not None:
         from tracer.studies.polarization_plots import plot_vignetting
 
-        save_figure(plot_vignetting(result), output)
+        write_chart(plot_vignetting(result), output)
     rows = [
         {
             "field_deg": float(result.field_deg[k]),
@@ -260,15 +260,15 @@ def lens_picture(
 ) -> None:
     """Paint a board of squares seen through a lens."""
     from raymap.optics.colorimetry import encode_srgb
-    from tracer.figures import check_picture, save_picture
+    from raymap.pictures.files import check_pixels, write_pixels
     from tracer.studies.lenses.lens_pictures import LensCamera
     from tracer.studies.lenses.lens_pictures import lens_picture as render
 
-    check_picture(output)
+    check_pixels(output)
     lens = _lens(radii, thickness, semi_apertures, glass)
     camera = LensCamera(eye=(0.0, 0.0, -70.0), half_angle_deg=15.0, pixels=pixels)
     picture = render(
         lens, camera=camera, color=color, rules=rules, analyser_deg=analyser, depth=depth
     )
-    save_picture(encode_srgb(picture), output)
+    write_pixels(output, encode_srgb(picture))
     typer.echo(f"wrote {output}")

@@ -48,13 +48,13 @@ def microscope(
     json: Json = False,
 ) -> None:
     """Paint the conoscopic figure of a crystal plate under the polarising microscope."""
-    from tracer.figures import check_picture, save_picture
+    from raymap.pictures.files import check_pixels, write_pixels
     from tracer.optics.polarization_elements import Retarder
     from tracer.studies.interference_colors import srgb_of
     from tracer.studies.microscopy.microscope import Microscope, conoscopy
     from tracer.studies.microscopy.microscope_bench import bench_conoscopy
 
-    check_picture(output)
+    check_pixels(output)
     plate = _plate(crystal, thickness, tilt, stage)
     view = Microscope(
         polariser_deg=polariser,
@@ -65,11 +65,11 @@ def microscope(
     )
     if real_lenses:
         xyz, brightest = bench_conoscopy(plate, view, pixels=pixels)
-        save_picture(srgb_of(xyz)[::-1], output)
+        write_pixels(output, srgb_of(xyz)[::-1])
     else:
         figure = conoscopy(plate, view, pixels=pixels)
         brightest = float(figure.transmission.max())
-        save_picture(srgb_of(figure.xyz)[::-1], output)
+        write_pixels(output, srgb_of(figure.xyz)[::-1])
     if json:
         emit_json({"output": str(output), "brightest": brightest, "aperture": aperture})
         return

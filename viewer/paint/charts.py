@@ -14,11 +14,8 @@ from query.answers.images.beams import BeamPlane, beam_of
 from query.answers.images.readings import reading_lines, readings
 from raymap import RayMap
 from raymap.model.errors import RayMapError
-from raymap.model.extras import require
-from raymap.model.fileformat import by_suffix, known_suffixes
-from raymap.model.replacing import check_place, replacing
+from raymap.pictures.files import check_chart, write_chart
 from viewer.drawn.falsecolor import COLORMAPS, apply_colormap
-from viewer.paint.chart_formats.format import CHART_FORMATS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -82,12 +79,7 @@ def chart(
     MissingExtra
         Matplotlib is not installed.
     """
-    target = Path(out)
-    chosen = by_suffix(CHART_FORMATS, target)
-    if chosen is None:
-        known = known_suffixes(CHART_FORMATS.kinds())
-        raise RayMapError(f"charts end in {known}, not {target.name!r}")
-    check_place(target)
+    check_chart(out)
     if colors not in COLORMAPS:
         raise RayMapError(f"no colour map {colors!r}; there are {', '.join(COLORMAPS)}")
     if (high is not None and high <= (low or 0.0)) or (low is not None and low < 0.0):
@@ -107,13 +99,11 @@ def chart(
     heading = title if title is not None else f"{map.directory.title} – {detector}{what}"
     figure.suptitle(_cut(heading.removeprefix(" – "), 90), fontsize=11)
     figure.text(0.5, 0.015, _wrapped(reading_lines(numbers)), ha="center", fontsize=9)
-    with replacing(target) as beside:
-        chosen.write(beside, figure)
+    write_chart(figure, out)
     return numbers
 
 
 def _figure() -> Figure:
-    require("matplotlib")
     from matplotlib.figure import Figure as NewFigure
 
     return NewFigure(figsize=(10.0, 5.6))

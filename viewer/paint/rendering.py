@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from query.answers.images.formats.format import IMAGE_FORMATS
 from raymap.model.errors import RayMapError
 from raymap.model.extras import require
-from raymap.model.fileformat import by_suffix, known_suffixes
-from raymap.model.replacing import check_place, replacing
+from raymap.model.replacing import replacing
+from raymap.pictures.files import check_pixels, write_pixels
 from viewer.drawn.camera import STANDARD_VIEWS, UPWARD
 from viewer.drawn.scene import load_bodies
 from viewer.drawn.state import COLOR_RULES, Upward, ViewState
@@ -106,20 +105,13 @@ def picture(
             f"a picture is 16 to {MAX_SIDE} pixels wide and high, not {width}x{height}"
         )
     if out is not None:
-        chosen = by_suffix(IMAGE_FORMATS, Path(out))
-        if chosen is None or chosen.paint is None:
-            known = known_suffixes(each for each in IMAGE_FORMATS.kinds() if each.paint is not None)
-            raise RayMapError(f"pictures end in {known}, not {Path(out).name!r}")
-        if chosen.package:
-            require(chosen.package)
+        check_pixels(out)
     if color is not None and color not in COLOR_RULES:
         raise RayMapError(f"no colour rule {color!r}; there are {', '.join(COLOR_RULES)}")
     if view is not None and view not in STANDARD_VIEWS:
         raise RayMapError(f"no view {view!r}; there are {', '.join(STANDARD_VIEWS)}")
     if up is not None and up not in UPWARD:
         raise RayMapError(f"no axis {up!r}; y, z or x points upward")
-    if out is not None:
-        check_place(Path(out))
     _pillow()
     base = state or ViewState()
     if color is not None:
@@ -144,10 +136,9 @@ def picture(
         pixels = draw_legend(
             pixels, key, caption=caption, dark=base.dark, size=max(11, round(height / 56))
         )
-    if out is not None and chosen is not None and chosen.paint is not None:
+    if out is not None and colors is not None and Path(out).suffix.lower() == ".png":
         with replacing(Path(out)) as beside:
-            if ".png" in chosen.suffixes:
-                beside.write_bytes(encode_png(pixels, colors=colors))
-            else:
-                chosen.paint(beside, pixels)
+            beside.write_bytes(encode_png(pixels, colors=colors))
+    elif out is not None:
+        write_pixels(out, pixels)
     return pixels

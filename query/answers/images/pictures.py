@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from query.answers.images.binning import fitting_blocks
 from query.answers.images.lit import LitCells
-from query.answers.images.png import png_bytes, upright
 from query.engine.tally import sums as sums_of
 from raymap.model.directory import ChannelSet, Detector
 from raymap.optics.cells import CellMeasure
 from raymap.optics.colorimetry import encode_srgb, into_gamut
+from raymap.pictures.png import png_bytes, upright
 
 __all__ = ["DetectorImage"]
 

@@ -1,6 +1,6 @@
 """Charts as encapsulated PostScript."""
 
-from viewer.paint.chart_formats.format import ChartFormat
+from raymap.pictures.chart_formats.format import ChartFormat
 
 FORMAT = ChartFormat(
     suffixes=(".eps",),

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from query.answers.images.formats.format import ImageFormat
 from query.answers.images.pictures import DetectorImage
-from query.answers.images.png import upright
+from raymap.pictures.pixel_formats.format import PixelFormat
+from raymap.pictures.png import upright
 
-__all__ = ["FORMAT"]
+__all__ = ["FORMAT", "PIXELS"]
 
 
 def paint(path: Path, pixels: NDArray[np.uint8]) -> None:
@@ -23,6 +24,6 @@ def write(path: Path, image: DetectorImage, kind: str | None, zoom: int) -> None
     paint(path, upright(image.srgb().repeat(zoom, axis=0).repeat(zoom, axis=1)))
 
 
-FORMAT = ImageFormat(
-    suffixes=(".ppm",), title="pixels of Netpbm", write=write, holds=("rgb",), paint=paint
-)
+FORMAT = ImageFormat(suffixes=(".ppm",), title="pixels of Netpbm", write=write, holds=("rgb",))
+
+PIXELS = PixelFormat(suffixes=(".ppm",), title="pixels of Netpbm", write=paint)

@@ -11,9 +11,11 @@ import pytest
 
 from raymap.model.errors import SceneError
 from raymap.model.replacing import NotWritten
+from raymap.pictures.files import write_pixels
+from raymap.tables.exr import spectral_channels, write_exr
 from tracer.crystals.scene_language import crystal_scene_of
 from tracer.render.camera import Camera
-from tracer.render.images import spectral_channels, to_bytes, write_exr, write_png
+from tracer.render.images import to_bytes
 from tracer.render.load import load_render_text
 from tracer.render.renderer import Picture, error_in_steps, render, sample_pixels
 from tracer.render.room import Room, checker_board, uniform
@@ -226,7 +228,7 @@ def test_exr_files_hold_what_was_written(tmp_path):
 def test_png_files_hold_what_was_written(tmp_path):
     image = pytest.importorskip("PIL.Image")
     pixels = to_bytes(np.random.default_rng(2).uniform(size=(13, 7, 3)))
-    write_png(tmp_path / "a.png", pixels)
+    write_pixels(tmp_path / "a.png", pixels)
     np.testing.assert_array_equal(np.asarray(image.open(tmp_path / "a.png")), pixels)
 
 

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from raymap.pictures.files import write_pixels
 from tracer.crystals.conical import conical_rays, ring_of_plate
 from tracer.crystals.local import s_and_p, solve_interface
 from tracer.crystals.media import Crystal, biaxial, isotropic, rotation_between
-from tracer.render.images import to_bytes, write_png
+from tracer.render.images import to_bytes
 from tracer.studies.crystals.crystal_statements import Check
 from tracer.studies.crystals.quasi_random import quasi_random
 
@@ -141,7 +142,7 @@ def conical_checks(scene: ConicalScene, folder: Path | None) -> Iterator[Check]:
         # The ring lies beside the axis, up to the edge of this square: show a margin around it
         both = [_image(one, scene.pixels, 1.2 * half) for one in (rays, turned)]
         scale = float(np.quantile(both[0], 0.998))
-        write_png(folder / picture, to_bytes(np.concatenate(both, axis=1) / scale))
+        write_pixels(folder / picture, to_bytes(np.concatenate(both, axis=1) / scale))
 
     # Two bright rings, and a dark one between them at the radius of the closed form
     r, irradiance = _profile(rays, centre, 2.0 * radius, 240)

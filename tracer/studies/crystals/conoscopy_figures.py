@@ -13,10 +13,11 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from raymap.model.errors import SceneError
 from raymap.optics.colorimetry import xyz_to_linear_srgb
+from raymap.pictures.files import write_pixels
 from tracer.crystals.media import Crystal, biaxial, calcite, rotation_between
 from tracer.crystals.plates import plate_retardation
 from tracer.crystals.waves import waves_along
-from tracer.render.images import to_bytes, write_png
+from tracer.render.images import to_bytes
 from tracer.studies.crystals.crystal_statements import Check
 from tracer.studies.microscopy.microscope import Microscope, conoscopy
 from tracer.studies.microscopy.specimens import CrystalPlate
@@ -106,7 +107,7 @@ def calcite_checks(scene: ConoscopyScene, folder: Path | None) -> Iterator[Check
     if folder is not None:
         picture = "conoscopy_calcite.png"
         panels = [_figure(scene, white=white) for white in (False, True)]
-        write_png(folder / picture, to_bytes(np.concatenate(panels, axis=1)))
+        write_pixels(folder / picture, to_bytes(np.concatenate(panels, axis=1)))
 
     # Dark rings where the path difference is a whole number of wavelengths
     n_o, _, n_e = scene.crystal().principal_indices(scene.wavelength)
@@ -198,7 +199,7 @@ def biaxial_checks(scene: ConoscopyScene, folder: Path | None) -> Iterator[Check
             _figure(scene, white=white, turn_deg=turn)
             for white, turn in ((False, 0.0), (False, 45.0), (True, 45.0))
         ]
-        write_png(folder / picture, to_bytes(np.concatenate(panels, axis=1)))
+        write_pixels(folder / picture, to_bytes(np.concatenate(panels, axis=1)))
 
     crystal = scene.crystal()
     n_x, n_y, n_z = np.sort(crystal.principal_indices(scene.wavelength))

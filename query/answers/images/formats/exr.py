@@ -7,8 +7,8 @@ from pathlib import Path
 from query.answers.images.formats.format import ImageFormat
 from query.answers.images.narrow import narrow
 from query.answers.images.pictures import DetectorImage
-from query.answers.images.png import upright
 from query.answers.images.values import unit_of, values_of
+from raymap.pictures.png import upright
 from raymap.tables.exr import spectral_channels, write_exr
 
 __all__ = ["EXR"]

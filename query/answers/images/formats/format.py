@@ -1,14 +1,10 @@
-"""What a format of pictures is, and those that there are."""
+"""What a format of detector pictures is, and those that there are."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from query.answers.images.pictures import DetectorImage
 from raymap.model.fileformat import FileFormat, suffixes_of
@@ -19,7 +15,7 @@ __all__ = ["IMAGE_FORMATS", "ImageFormat"]
 
 @dataclass(frozen=True, kw_only=True)
 class ImageFormat(FileFormat):
-    """A format of pictures, by the suffixes of its files.
+    """A format of pictures of a detector, by the suffixes of its files.
 
     Attributes
     ----------
@@ -29,15 +25,12 @@ class ImageFormat(FileFormat):
         ``default``), and how many pixels along either side of a cell, where the format has pixels
     default : kind of picture where none is asked for
     holds : kinds of picture that it holds; empty: all
-    paint : writes plain pixels, (rows, columns, 3) uint8 in sRGB with row 0 at the top: pictures of
-        scenes. None: it holds none
     package : of Python that it needs, beyond those that are always there
     """
 
     write: Callable[[Path, DetectorImage, str | None, int], None]
     default: str | None = "rgb"
     holds: tuple[str, ...] = ()
-    paint: Callable[[Path, NDArray[np.uint8]], Any] | None = None
     package: str = ""
 
 
@@ -46,5 +39,5 @@ IMAGE_FORMATS: Registry[ImageFormat] = Registry(
     "query.answers.images.formats",
     words=suffixes_of,
     of=ImageFormat,
-    sort="formats of pictures",
+    sort="formats of detector pictures",
 )

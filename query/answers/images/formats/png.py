@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from query.answers.images import values
 from query.answers.images.formats.format import ImageFormat
 from query.answers.images.pictures import DetectorImage
-from query.answers.images.png import png_bytes, upright
+from raymap.pictures.png import png_bytes, upright
 
 __all__ = ["PNG"]
 
@@ -29,17 +29,12 @@ def _pixels(image: DetectorImage, kind: str) -> NDArray[Any]:
     return image.lit.spread(np.round(np.clip(shown / top, 0, 1) * 65535).astype(np.uint16))
 
 
-def _paint(path: Path, pixels: NDArray[np.uint8]) -> None:
-    path.write_bytes(png_bytes(pixels))
-
-
 PNG = ImageFormat(
     suffixes=(".png",),
     title="sRGB, or grey in 16 bits scaled to the largest value",
     place=1.0,
     write=_write,
     holds=tuple(kind for kind in values.KINDS if kind != "spectral"),
-    paint=_paint,
 )
 
 KINDS = (PNG,)

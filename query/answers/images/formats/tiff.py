@@ -5,13 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from query.answers.images.formats.format import ImageFormat
 from query.answers.images.narrow import narrow
 from query.answers.images.pictures import DetectorImage
-from query.answers.images.png import upright
 from query.answers.images.values import unit_of, values_of
+from raymap.pictures.png import upright
 
 __all__ = ["TIFF"]
 
@@ -31,18 +30,11 @@ def _write(path: Path, image: DetectorImage, kind: str | None, zoom: int) -> Non
     )
 
 
-def _paint(path: Path, pixels: NDArray[np.uint8]) -> None:
-    import tifffile
-
-    tifffile.imwrite(path, pixels, photometric="rgb")
-
-
 TIFF = ImageFormat(
     suffixes=(".tiff", ".tif"),
     title="float32 in physical units",
     place=2.0,
     write=_write,
-    paint=_paint,
     package="tifffile",
 )
 

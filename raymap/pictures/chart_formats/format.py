@@ -31,7 +31,7 @@ class ChartFormat(FileFormat):
 
 CHART_FORMATS: Registry[ChartFormat] = Registry(
     "raymap.chart_formats",
-    "viewer.paint.chart_formats",
+    "raymap.pictures.chart_formats",
     words=suffixes_of,
     of=ChartFormat,
     sort="formats of charts",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from viewer.paint.chart_formats.format import ChartFormat
+from raymap.pictures.chart_formats.format import ChartFormat
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

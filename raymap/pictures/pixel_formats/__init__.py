@@ -1,0 +1,1 @@
+"""Formats of plain pixels, a file each."""
