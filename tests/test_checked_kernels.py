@@ -113,6 +113,8 @@ _KERNELS = {
     "reweighting._meet": ("itself", {"reweighting._incidence"}),
     "reweighting._multiply": ("itself", {"reweighting.of_rays"}),
     "crossings._cross": ("itself", {"crossings._found"}),
+    "stops._meet_stops": ("itself", {"stops.meet"}),
+    "stops._reach_mesh": ("called", {"stops._meet_stops"}),
     "crossings._cross_sphere": ("called", {"crossings._cross"}),
     # Colours
     "colors.rebuild_codes": ("itself", {"stored._column_color_code"}),

@@ -31,6 +31,18 @@ def what_if(
         Path | None,
         typer.Option("--scene", help="Take the changes from a scene of the same geometry."),
     ] = None,
+    stop: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--stop",
+            help="An ideal absorber put in: ring(z=30, inner=12, outer=32), rectangle(z=30, "
+            "size=[20, 10]), mesh(baffle.stl); repeatable.",
+        ),
+    ] = None,
+    keep: Annotated[
+        list[str] | None,
+        typer.Option("--keep", help="Light that the changes should not cost; repeatable."),
+    ] = None,
     top: Annotated[
         int, typer.Option(min=0, help="Rows of the table of paths that changed most.")
     ] = 10,
@@ -39,28 +51,61 @@ def what_if(
     json: Json = False,
     strict: Strict = False,
 ) -> None:
-    """Ask what other coatings, surfaces, media or sources would change, without tracing."""
+    """Ask what other coatings, surfaces, media, sources or stops would change, without tracing."""
     from query.answers.what_if.changes import parse_setting
     from query.answers.what_if.effect import changed_paths, effect
     from query.answers.what_if.effect import what_if as revise
+    from raymap.cli.terminal import console as make_console
     from raymap.model.errors import RayMapError
 
-    if bool(set) == (scene is not None):
+    if (set and scene is not None) or not (set or stop or scene is not None):
         raise RayMapError(
             "say what is changed: --set NAME.WHAT=VALUE, as --set L5.back.reflectance=0.5%, or "
-            "--scene FILE"
+            "--scene FILE; or what is put in: --stop 'ring(z=30, inner=12, outer=32)'"
         )
     changes = dict(parse_setting(each) for each in set or ())
     with opened_map(map, strict) as ray_map:
         wanted: Any = read_criterion(criterion, ray_map, filter_string)
-        view = revise(ray_map, changes or None, scene=scene)
+        view = revise(ray_map, changes or None, scene=scene, stops=stop or ())
         found = effect(ray_map, view, wanted, threads=threads)
+        costs = [
+            effect(ray_map, view, read_criterion(text, ray_map, filter_string), threads=threads)
+            for text in keep or ()
+        ]
         rows = changed_paths(ray_map, view, wanted, top, threads=threads) if top else []
         unit = ray_map.directory.flux_unit
     if json:
-        emit_json({**found.to_json(), "changes": changes or {"scene": str(scene)}, "paths": rows})
+        told = {"scene": str(scene)} if scene is not None else changes
+        kept = [
+            {"criterion": text, **cost.to_json()}
+            for text, cost in zip(keep or (), costs, strict=True)
+        ]
+        emit_json(
+            {**found.to_json(), "changes": told, "stops": stop or [], "keep": kept, "paths": rows}
+        )
         return
     _print(found, rows, unit)
+    _print_costs(list(zip(keep or (), costs, strict=True)), unit)
+    if stop:
+        make_console(soft_wrap=True).print(
+            "stops absorb all light that meets them: what they would scatter is not in this answer"
+        )
+
+
+def _print_costs(costs: list[tuple[str, Effect]], unit: str) -> None:
+    """What the changes do to light that is to stay."""
+    from raymap.cli.terminal import console as make_console
+
+    console = make_console(soft_wrap=True)
+    shown = []
+    for text, cost in costs:
+        before = with_error(cost.before.flux, cost.before.se, f" {unit}")
+        difference = with_error(cost.difference, cost.difference_se, f" {unit}")
+        shown += [before, difference]
+        share = f" ({cost.difference / cost.before.flux:+.3%})" if cost.before.flux > 0.0 else ""
+        console.print(f"keep {text}: {difference}{share} of {before}", markup=False)
+    if any(text.endswith(MARK) for text in shown):
+        console.print(FOOTNOTE)
 
 
 def _print(found: Effect, rows: list[dict[str, Any]], unit: str) -> None:

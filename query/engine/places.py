@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import re
-import tomllib
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -15,8 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from query.engine.descriptions import (
+    LARGEST,
+    across,
+    described,
+    flat_place,
+    number,
+    pair,
+    three,
+    vector,
+)
 from query.expression.arguments import PLACES
-from query.expression.names import nearest_names, unknown
+from query.expression.names import unknown
 from raymap.model.directory import Detector, Directory
 from raymap.model.errors import RayMapError
 from raymap.optics.cells import is_pinhole
@@ -36,7 +45,12 @@ _KEYS = {
     "far_field": ("axis", "c0", "cells", "gamma_deg"),
     "moved": ("detector", "by", "to", "turn", "about", "size", "cells"),
 }
-_LARGEST = 1e15
+_EXAMPLES = {
+    "plane": "plane(z=120, size=[36, 24], cells=[720, 480])",
+    "sphere": "sphere(center=[0, 0, 0], radius=50, cells=[72, 36])",
+    "far_field": "far_field(axis=[0, 0, 1], cells=[360, 180])",
+    "moved": "moved(detector='sensor', by=[0, 0, 1])",
+}
 
 
 def is_place(text: str) -> bool:
@@ -82,23 +96,7 @@ def parse_place(text: str, directory: Directory) -> Place:
     ------
     RayMapError
     """
-    match = _CALL.fullmatch(text)
-    if match is None:
-        raise RayMapError(f"{text!r} describes no place; write {_example('plane')}")
-    shape, inside = match.groups()
-    try:
-        values = tomllib.loads(f"v = {{{inside}}}")["v"]
-    except (ValueError, RecursionError):
-        raise RayMapError(
-            f"{text!r} cannot be read; write NAME=VALUE between commas, as {_example(shape)}"
-        ) from None
-    for key in values:
-        if key not in _KEYS[shape]:
-            near = nearest_names(key, _KEYS[shape])
-            hint = f"; nearest: {', '.join(near)}" if near else ""
-            raise RayMapError(
-                f"{text}: a {shape} has no {key}{hint}; it takes {', '.join(_KEYS[shape])}"
-            )
+    shape, values = described(text, "place", _KEYS, _EXAMPLES)
     try:
         place: Place = _MAKERS[shape](text, values, directory)
     except ValidationError as error:
@@ -107,104 +105,26 @@ def parse_place(text: str, directory: Directory) -> Place:
     return replace(place, detector=Detector.model_validate(entry.model_dump()))
 
 
-def _example(shape: str) -> str:
-    return {
-        "plane": "plane(z=120, size=[36, 24], cells=[720, 480])",
-        "sphere": "sphere(center=[0, 0, 0], radius=50, cells=[72, 36])",
-        "far_field": "far_field(axis=[0, 0, 1], cells=[360, 180])",
-        "moved": "moved(detector='sensor', by=[0, 0, 1])",
-    }[shape]
-
-
-def _vector(text: str, key: str, value: Any, *, unit: bool = False) -> F64:
-    sound = (
-        isinstance(value, list)
-        and len(value) == 3
-        and all(isinstance(x, int | float) and not isinstance(x, bool) for x in value)
-        and all(abs(x) <= _LARGEST for x in value)
-    )
-    if not sound:
-        raise RayMapError(f"{text}: {key} is three numbers, [x, y, z]")
-    vector = np.asarray(value, np.float64)
-    if not unit:
-        return vector
-    length = float(np.linalg.norm(vector))
-    if not length > 0.0:
-        raise RayMapError(f"{text}: {key} has no direction")
-    return np.asarray(vector / length)
-
-
-def _three(vector: F64) -> tuple[float, float, float]:
-    x, y, z = vector.tolist()
-    return x, y, z
-
-
-def _number(text: str, key: str, value: Any, low: float, high: float) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise RayMapError(f"{text}: {key} is a number, not {value!r:.40}")
-    if not low <= value <= high:
-        raise RayMapError(f"{text}: {key} lies from {low:g} to {high:g}")
-    return float(value)
-
-
-def _pair(text: str, key: str, value: Any, low: float, high: float) -> tuple[float, float]:
-    if not isinstance(value, list) or len(value) != 2:
-        raise RayMapError(f"{text}: {key} is two numbers, as [36, 24]")
-    first, second = (_number(text, key, each, low, high) for each in value)
-    return first, second
-
-
 def _cells(text: str, value: Any) -> tuple[int, int]:
     if not isinstance(value, list) or len(value) != 2 or not all(type(n) is int for n in value):
         raise RayMapError(f"{text}: cells is two whole numbers, as [720, 480]")
     return int(value[0]), int(value[1])
 
 
-def _across(axis: F64, up: F64 | None, text: str) -> tuple[F64, F64]:
-    """Unit vectors u and v across an axis, v along ``up`` (+y, or +z where the axis is along y)."""
-    if up is None:
-        up = np.array([0.0, 1.0, 0.0])
-        if abs(axis[1]) > 1.0 - 1e-12:
-            up = np.array([0.0, 0.0, 1.0])
-    v = up - (up @ axis) * axis
-    length = float(np.linalg.norm(v))
-    if length < 1e-9:
-        raise RayMapError(f"{text}: up lies along the direction that it looks")
-    v = v / length
-    return np.cross(v, axis), v
-
-
 def _plane(text: str, values: dict[str, Any], directory: Directory) -> Place:
-    axes = [key for key in "xyz" if key in values]
-    if len(axes) + ("center" in values) != 1:
-        raise RayMapError(f"{text}: say where it is by one of x, y, z or center")
-    looks = None if "looks" not in values else _vector(text, "looks", values["looks"], unit=True)
-    if axes:
-        axis = "xyz".index(axes[0])
-        center = np.zeros(3)
-        center[axis] = _number(text, axes[0], values[axes[0]], -_LARGEST, _LARGEST)
-        normal = np.zeros(3)
-        normal[axis] = 1.0
-        if looks is not None and abs(looks[axis]) < 1.0 - 1e-9:
-            raise RayMapError(f"{text}: it looks along {axes[0]}; give center for other directions")
-    else:
-        center = _vector(text, "center", values["center"])
-        if looks is None:
-            raise RayMapError(f"{text}: looks is missing, the direction that it faces")
-        normal = looks
-    normal = normal if looks is None else looks
-    up = None if "up" not in values else _vector(text, "up", values["up"], unit=True)
-    u, v = _across(normal, up, text)
+    center, normal, looks = flat_place(text, values, "looks")
+    up = None if "up" not in values else vector(text, "up", values["up"], unit=True)
+    u, v = across(normal, up, text)
     if "size" not in values:
         raise RayMapError(f"{text}: size is missing, as size=[36, 24]")
-    acceptance = _number(text, "acceptance_deg", values.get("acceptance_deg", 90.0), 1e-6, 90.0)
+    acceptance = number(text, "acceptance_deg", values.get("acceptance_deg", 90.0), 1e-6, 90.0)
     entry = Detector(
         name="plane",
         cells=_cells(text, values.get("cells", [100, 100])),
-        center=_three(center),
-        axis_u=_three(u),
-        axis_v=_three(v),
-        size=_pair(text, "size", values["size"], 1e-30, _LARGEST),
+        center=three(center),
+        axis_u=three(u),
+        axis_v=three(v),
+        size=pair(text, "size", values["size"], 1e-30, LARGEST),
         parameters={"placed_after_the_trace": True},
     )
     least = math.cos(math.radians(acceptance)) if acceptance < 90.0 else 0.0
@@ -214,21 +134,21 @@ def _plane(text: str, values: dict[str, Any], directory: Directory) -> Place:
 def _sphere(text: str, values: dict[str, Any], directory: Directory) -> Place:
     if "radius" not in values:
         raise RayMapError(f"{text}: radius is missing")
-    radius = _number(text, "radius", values["radius"], 1e-30, _LARGEST)
-    axis = _vector(text, "axis", values.get("axis", [0, 0, 1]), unit=True)
+    radius = number(text, "radius", values["radius"], 1e-30, LARGEST)
+    axis = vector(text, "axis", values.get("axis", [0, 0, 1]), unit=True)
     side = values.get("side", "both")
     if side not in ("both", "outside"):
         raise RayMapError(f"{text}: side is both, or outside: light that comes from there")
-    u, v = _across(axis, None, text)
+    u, v = across(axis, None, text)
     cells = _cells(text, values.get("cells", [72, 36]))
     area = 4.0 * math.pi * radius**2
     entry = Detector(
         name="sphere",
         kind="surface",
         cells=cells,
-        center=_three(_vector(text, "center", values.get("center", [0, 0, 0]))),
-        axis_u=_three(u),
-        axis_v=_three(v),
+        center=three(vector(text, "center", values.get("center", [0, 0, 0]))),
+        axis_u=three(u),
+        axis_v=three(v),
         size=(2.0 * math.pi * radius, 2.0 * radius),
         uv_meaning="projection",
         parameters={
@@ -242,10 +162,10 @@ def _sphere(text: str, values: dict[str, Any], directory: Directory) -> Place:
 
 
 def _far_field(text: str, values: dict[str, Any], directory: Directory) -> Place:
-    axis = _vector(text, "axis", values.get("axis", [0, 0, 1]), unit=True)
-    zero = None if "c0" not in values else _vector(text, "c0", values["c0"], unit=True)
+    axis = vector(text, "axis", values.get("axis", [0, 0, 1]), unit=True)
+    zero = None if "c0" not in values else vector(text, "c0", values["c0"], unit=True)
     if zero is None:
-        u, _ = _across(axis, None, text)
+        u, _ = across(axis, None, text)
     else:
         u = zero - (zero @ axis) * axis
         length = float(np.linalg.norm(u))
@@ -254,15 +174,15 @@ def _far_field(text: str, values: dict[str, Any], directory: Directory) -> Place
         u = u / length
     # Angles of type C run the other way round
     v = np.cross(u, axis)
-    low, high = _pair(text, "gamma_deg", values.get("gamma_deg", [0.0, 180.0]), 0.0, 180.0)
+    low, high = pair(text, "gamma_deg", values.get("gamma_deg", [0.0, 180.0]), 0.0, 180.0)
     if not low < high:
         raise RayMapError(f"{text}: gamma_deg rises")
     entry = Detector(
         name="far_field",
         kind="far_field",
         cells=_cells(text, values.get("cells", [360, 180])),
-        axis_u=_three(u),
-        axis_v=_three(v),
+        axis_u=three(u),
+        axis_v=three(v),
         size=(360.0, high - low),
         uv_meaning="projection",
         parameters={
@@ -297,14 +217,14 @@ def _moved(text: str, values: dict[str, Any], directory: Directory) -> Place:
     if "to" in values and "by" in values:
         raise RayMapError(f"{text}: it is moved by a way or to a place, not both")
     if "to" in values:
-        center = _vector(text, "to", values["to"])
+        center = vector(text, "to", values["to"])
     if "by" in values:
-        center = center + _vector(text, "by", values["by"])
+        center = center + vector(text, "by", values["by"])
     if "turn" in values:
-        angle = math.radians(_number(text, "turn", values["turn"], -360.0, 360.0))
+        angle = math.radians(number(text, "turn", values["turn"], -360.0, 360.0))
         if "about" not in values:
             raise RayMapError(f"{text}: about is missing, the axis that it is turned about")
-        about = _vector(text, "about", values["about"], unit=True)
+        about = vector(text, "about", values["about"], unit=True)
         u, v = (_turned(vector, about, angle) for vector in (u, v))
         if own.kind == "far_field":
             axis = _turned(np.asarray(own.parameters["axis"], np.float64), about, angle)
@@ -313,12 +233,12 @@ def _moved(text: str, values: dict[str, Any], directory: Directory) -> Place:
     if "size" in values:
         if own.kind != "plane":
             raise RayMapError(f"{text}: a {own.kind} has no size")
-        size = _pair(text, "size", values["size"], 1e-30, _LARGEST)
+        size = pair(text, "size", values["size"], 1e-30, LARGEST)
     entry = own.model_copy(
         update={
-            "center": _three(center),
-            "axis_u": _three(u),
-            "axis_v": _three(v),
+            "center": three(center),
+            "axis_u": three(u),
+            "axis_v": three(v),
             "size": size,
             "cells": own.cells if "cells" not in values else _cells(text, values["cells"]),
             "blocking": False,

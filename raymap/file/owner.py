@@ -56,12 +56,14 @@ class ReadPortion(Protocol):
 
     number: int
     n_rays: int
-    n_records: int
-    n_descriptors: int
     channel_set: int
     grouped: bool
     index: IndexEntry
 
+    @property
+    def n_records(self) -> int: ...
+    @property
+    def n_descriptors(self) -> int: ...
     @property
     def map(self) -> Owner: ...
     def paths(self) -> PathDictionary: ...

@@ -53,8 +53,6 @@ class PortionStreams:
         self.first_ray = meta.first_ray
         self.last_ray = meta.last_ray
         self.n_rays = meta.n_rays
-        self.n_records = meta.n_records
-        self.n_descriptors = meta.n_descriptors
         self.emitted = meta.emitted
         self.channel_set = meta.channel_set
         self.has_paths = meta.has_paths
@@ -68,6 +66,16 @@ class PortionStreams:
 
     def __repr__(self) -> str:
         return f"StoredPortion(number={self.number}, n_rays={self.n_rays})"
+
+    @property
+    def n_records(self) -> int:
+        """Segment records of all rays."""
+        return self._index.meta.n_records
+
+    @property
+    def n_descriptors(self) -> int:
+        """Meetings with detectors of all rays."""
+        return self._index.meta.n_descriptors
 
     @decodes
     def paths(self) -> PathDictionary:

@@ -7,7 +7,6 @@ segments cross them (`raymap.passes.crossings`). So paths are told apart by the 
 from __future__ import annotations
 
 import threading
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -16,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.bytes.decoding import decodes
-from raymap.encoding.colors import ColorCodes
 from raymap.encoding.paths import MergedPaths, PathDictionary
 from raymap.file.reader import RayMap
 from raymap.file.stored import StoredPortion
@@ -27,14 +25,13 @@ from raymap.model.rows import offsets_of, rows_of_rays
 from raymap.model.schema import COLOR_SCALE, NONE
 from raymap.passes.crossings import Place, Segments
 from raymap.passes.pathsums import sums_of_paths
+from raymap.passes.views import MapView, PortionView
 
 __all__ = ["PlacedMap", "PlacedPortion"]
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
-_KEPT = 16
-"""Portions whose meetings are kept: of a large map they would fill the memory."""
 _OWN = {"descriptor_count", "first_descriptor", "cell", "uv", "event"}
 """Columns that new meetings change."""
 
@@ -61,13 +58,12 @@ class _Met(NamedTuple):
     first: I64
 
 
-class PlacedPortion(StoredPortion):
+class PlacedPortion(PortionView):
     """A portion whose rays meet more detectors."""
 
     def __init__(self, own: StoredPortion, map: PlacedMap) -> None:
-        super().__init__(map, own.index)
-        self.own, self._placed = own, map
-        self.channel_set, self.has_weights = own.channel_set, own.has_weights
+        super().__init__(own, map)
+        self._placed = map
         # Rays are told apart by paths even where the recording has none
         self.has_paths = True
         self._lock = threading.RLock()
@@ -81,7 +77,7 @@ class PlacedPortion(StoredPortion):
             known = self._known
             if known is None:
                 known = self._known = self._find()
-                self._placed.remember(self)
+                self._placed.recent.remember(self)
             return known
 
     def _find(self) -> _Met:
@@ -196,11 +192,6 @@ class PlacedPortion(StoredPortion):
         """(n_rays,) row of `paths` that each ray took."""
         return self._met().numbers.astype(np.uint32)
 
-    @decodes
-    def record_offsets(self) -> NDArray[np.int64]:
-        """(n_rays + 1,) as of the recording."""
-        return self.own.record_offsets()
-
     def check_rows(self, numbers: NDArray[np.uint32]) -> None:
         """The recording's paths account for its records; new ones are made of them."""
         self.own.check_rows(self.own.path_numbers())
@@ -211,9 +202,13 @@ class PlacedPortion(StoredPortion):
     # -- columns -------------------------------------------------------------------------------
 
     @property
-    def column_names(self) -> tuple[str, ...]:
-        """As of the recording."""
-        return self.own.column_names
+    def n_descriptors(self) -> int:
+        """Recorded and new meetings."""
+        return self.own.n_descriptors + len(self._met().record)
+
+    def _meetings(self) -> tuple[NDArray[np.int16], NDArray[np.bool_]]:
+        met = self.descriptors()
+        return met.detector, met.registered
 
     @decodes
     def _decoded(self, name: str) -> NDArray[Any] | None:
@@ -263,31 +258,6 @@ class PlacedPortion(StoredPortion):
             registered=joined(own.registered, met.registered),
         )
 
-    def ray_ids(self) -> NDArray[np.int64]:
-        """As of the recording."""
-        return self.own.ray_ids()
-
-    def color_table(self) -> NDArray[np.uint16]:
-        """As of the map that it looks at."""
-        return self.own.color_table()
-
-    def color_codes(self, codes: NDArray[np.int32]) -> ColorCodes:
-        """As of the map that it looks at."""
-        return self.own.color_codes(codes)
-
-    def carried(self, rays: Any, records: Any, *, whole: bool) -> tuple[F64, F64]:
-        """As of the map that it looks at."""
-        return self.own.carried(rays, records, whole=whole)
-
-    def normals_at(
-        self, records: Any, faces: Any, position: NDArray[np.float32]
-    ) -> NDArray[np.int16]:
-        """As of the recording."""
-        return self.own.normals_at(records, faces, position)
-
-    def _normals(self, position: NDArray[np.float32] | None) -> NDArray[np.int16]:
-        return self.own._normals(position)
-
 
 def _places(before: I64, more: I64) -> tuple[I64, I64, I64]:
     """Offsets of runs of old and then new items, and where the items of each kind stand.
@@ -309,7 +279,7 @@ def _mark(event: NDArray[np.int32], rows: I64, registered: NDArray[np.bool_]) ->
     event[rows[registered]] |= int(Event.DETECTOR_REGISTERED)
 
 
-class PlacedMap(RayMap):
+class PlacedMap(MapView):
     """A map with more detectors; the map that it looks at stays open and unchanged.
 
     Parameters
@@ -325,11 +295,8 @@ class PlacedMap(RayMap):
 
     def __init__(self, base: RayMap, places: Sequence[Place]) -> None:
         base.need_rays()
-        # It is the open map itself, but for what is set here
-        self.__dict__.update(base.__dict__)
-        for known in ("_photometry", "detectors"):
-            self.__dict__.pop(known, None)
-        self.base, self.places = base, tuple(places)
+        super().__init__(base)
+        self.places = tuple(places)
         entries = tuple(place.detector for place in places)
         names = [entry.name for entry in (*base.directory.detectors, *entries)]
         if len(set(names)) < len(names):
@@ -338,16 +305,10 @@ class PlacedMap(RayMap):
         self.directory = base.directory.model_copy(update={"detectors": detectors})
         self.bounds = replace(base.bounds, detector=len(detectors))
         self.portions = [PlacedPortion(portion, self) for portion in base.portions]
-        self._recent: deque[PlacedPortion] = deque()
-        self._recent_lock = threading.Lock()
 
-    def remember(self, portion: PlacedPortion) -> None:
-        """Keep what was computed of a portion, and give back that of the oldest one."""
-        with self._recent_lock:
-            self._recent.append(portion)
-            oldest = self._recent.popleft() if len(self._recent) > _KEPT else None
-        if oldest is not None and oldest is not portion:
-            oldest.forget()
+    def over(self, base: RayMap) -> PlacedMap:
+        """The same detectors in another map."""
+        return PlacedMap(base, self.places)
 
     @property
     def merged(self) -> MergedPaths | None:
@@ -359,12 +320,3 @@ class PlacedMap(RayMap):
         if any(place.detector.name == name for place in self.places):
             return None
         return self.base.detector_result(name, channel_set)
-
-    @property
-    def shards(self) -> Sequence[RayMap]:
-        """The maps of which it is made."""
-        return (self,)
-
-    def refresh(self) -> bool:
-        """It is of the rays that were there when it was made."""
-        return False

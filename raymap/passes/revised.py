@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import os
 import threading
-from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 from raymap.bytes.decoding import decodes
 from raymap.encoding.colors import ColorCodes
 from raymap.encoding.paths import MergedPaths, PathDictionary
+from raymap.file.plainpaths import PlainPaths
 from raymap.file.reader import RayMap
 from raymap.file.stored import StoredPortion
 from raymap.model.directory import ChannelSet, Source
@@ -28,25 +28,22 @@ from raymap.model.errors import DamagedPortion, RayMapError
 from raymap.model.schema import COLOR_SCALE
 from raymap.passes.branches import Partners, partners_of
 from raymap.passes.pathsums import PathSums, sums_of_paths
-from raymap.passes.reweighting import ChangedLaws, Reweighting, Unseen
+from raymap.passes.reweighting import ChangedLaws, Reweighting
+from raymap.passes.views import MapView, PortionView, Unseen
 
 __all__ = ["LOOKED_AT", "RevisedMap", "RevisedPortion"]
 
 F64 = NDArray[np.float64]
 
-_KEPT = 16
-"""Portions whose rays' weights are kept: of a large map they would fill the memory."""
 LOOKED_AT = 8
 """Portions from which it is estimated what changes open."""
 
 
-class RevisedPortion(StoredPortion):
+class RevisedPortion(PortionView):
     """A portion whose rays weigh otherwise."""
 
     def __init__(self, own: StoredPortion, map: RevisedMap) -> None:
-        super().__init__(map, own.index)
-        self.own = own
-        self.channel_set = own.channel_set
+        super().__init__(own, map)
         self._revised = map
         self._factors: tuple[F64, F64] | None = None
         self._factors_lock = threading.Lock()
@@ -67,7 +64,7 @@ class RevisedPortion(StoredPortion):
             found = self._factors
             if found is None:
                 found = self._factors = self._weighed()
-                self._revised.remember(self)
+                self._revised.recent.remember(self)
             return found
 
     def _weighed(self) -> tuple[F64, F64]:
@@ -83,6 +80,11 @@ class RevisedPortion(StoredPortion):
         self._factors = None
 
     # -- columns -------------------------------------------------------------------------------
+
+    @decodes
+    def _decoded(self, name: str) -> NDArray[Any] | None:
+        method = _OWN.get(name)
+        return self.own._decoded(name) if method is None else method(self)
 
     def _column_weight(self) -> Any:
         if not self._revised.changes_weights:
@@ -109,6 +111,9 @@ class RevisedPortion(StoredPortion):
         n_channels = self._revised.channel_sets[self.channel_set].n_channels
         first = n_channels + len(self.own.color_table())
         return (self._end_colors()[1] + first).astype(np.int32)
+
+    def _column_color(self) -> NDArray[np.uint16]:
+        return self.color_codes(self._column_color_code()).colors()
 
     def _column_color_code(self) -> NDArray[np.int32]:
         codes: NDArray[np.int32] = self.own.column("color_code")
@@ -145,7 +150,7 @@ class RevisedPortion(StoredPortion):
     def paths(self) -> PathDictionary:
         """The dictionary, with sums of the new weights."""
         if not self.has_paths:
-            return super().paths()
+            return PlainPaths(self)
         own = self.own.paths()
         return self._with_sums(own) if self._revised.changes_weights else own
 
@@ -168,7 +173,16 @@ class RevisedPortion(StoredPortion):
         return sums_of_paths(numbers, self.own.paths().n_paths, *self._light(), self, light)
 
 
-class RevisedMap(RayMap):
+_OWN: dict[str, Callable[[RevisedPortion], NDArray[Any]]] = {
+    "weight": RevisedPortion._column_weight,
+    "last_color": RevisedPortion._column_last_color,
+    "color_code": RevisedPortion._column_color_code,
+    "color": RevisedPortion._column_color,
+}
+"""Columns that are computed anew."""
+
+
+class RevisedMap(MapView):
     """A map under other laws; the map that it looks at stays open and unchanged.
 
     Parameters
@@ -184,11 +198,8 @@ class RevisedMap(RayMap):
         changed: Callable[[int], ChangedLaws],
         sources: dict[int, Source] | None = None,
     ) -> None:
-        # It is the open map itself, but for what is set here
-        self.__dict__.update(base.__dict__)
-        for known in ("_photometry", "detectors"):
-            self.__dict__.pop(known, None)
-        self.base = base
+        super().__init__(base)
+        self._sources = dict(sources or {})
         self._changed = [changed(number) for number in range(len(base.channel_sets))]
         self.changes_weights = any(
             each.faces or each.media or each.sources is not None for each in self._changed
@@ -206,13 +217,14 @@ class RevisedMap(RayMap):
             for channel_set, each in zip(base.channel_sets, self._changed, strict=True)
         ]
         self.portions = [RevisedPortion(portion, self) for portion in base.portions]
-        self._recent: deque[RevisedPortion] = deque()
-        self._recent_lock = threading.Lock()
         self._reweightings: dict[int, Reweighting] = {}
         self._sums_lock, self._laws_lock = threading.Lock(), threading.Lock()
         self._sums: MergedPaths | None = None
         self._partners: Partners | None = None
-        self.threads = 0
+
+    def over(self, base: RayMap) -> RevisedMap:
+        """The same changes to another map of the same faces, media and sources."""
+        return RevisedMap(base, self.changed, self._sources)
 
     # -- what a map offers ---------------------------------------------------------------------
 
@@ -231,13 +243,6 @@ class RevisedMap(RayMap):
     def changed(self, channel_set: int) -> ChangedLaws:
         """What is different, in a channel set."""
         return self._changed[channel_set]
-
-    def remember(self, portion: RevisedPortion) -> None:
-        """Keep what was computed of a portion's rays, and give back that of the oldest one."""
-        with self._recent_lock:
-            self._recent.append(portion)
-            if len(self._recent) > _KEPT:
-                self._recent.popleft().forget()
 
     def _known_partners(self) -> Partners:
         if self._partners is None:
@@ -370,15 +375,6 @@ class RevisedMap(RayMap):
                 found[key] = found.get(key, np.zeros(len(seen))) + each.by_source
         scale = np.divide(self.emitted, seen, out=np.zeros(len(seen)), where=seen > 0.0)
         return [Unseen(face, branch, sums * scale) for (face, branch), sums in found.items()]
-
-    @property
-    def shards(self) -> Sequence[RayMap]:
-        """The maps of which it is made."""
-        return (self,)
-
-    def refresh(self) -> bool:
-        """A revision is of the rays that were there when it was made."""
-        return False
 
 
 def _with_colors(channel_set: ChannelSet, ratios: F64 | None) -> ChannelSet:

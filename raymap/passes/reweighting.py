@@ -52,8 +52,9 @@ from raymap.passes.likelihoods import (
     needs_index,
     same_facets,
 )
+from raymap.passes.views import Unseen
 
-__all__ = ["ChangedLaws", "MediumChange", "Meeting", "Read", "Reweighting", "Unseen"]
+__all__ = ["ChangedLaws", "MediumChange", "Meeting", "Read", "Reweighting"]
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
@@ -86,17 +87,6 @@ class ChangedLaws:
     def opens(self, channels: ChannelSet) -> bool:
         """Whether new laws may send light where the old ones sent none; False where surely not."""
         return any(_may_open(old, new, channels) for old, new in self.faces.values())
-
-
-class Unseen(NamedTuple):
-    """A branch that the recording's law never drew: what would take it, as a bound.
-
-    ``flux`` : unnormalised Σ w c of the light that arrives there times the new share, by channel
-    """
-
-    face: int
-    branch: int
-    by_source: F64
 
 
 class Meeting(NamedTuple):

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from raymap.model.errors import SceneError
 from raymap.model.fileformat import by_content, by_suffix, known_suffixes
@@ -21,7 +22,7 @@ from tracer.geometry.mesh import (
 from tracer.geometry.mesh_format import MESH_FORMATS, MeshArrays
 from tracer.geometry.mesh_scene import count_crossing_edges
 
-__all__ = ["FaceRule", "load_mesh"]
+__all__ = ["FaceRule", "load_mesh", "triangles_of"]
 
 FaceRule = Literal["one", "group", "color", "angle"]
 
@@ -91,6 +92,21 @@ def load_mesh(
                 stacklevel=2,
             )
     return mesh
+
+
+def triangles_of(path: Path, scale: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Vertices (n, 3) [scene units] and triangles (m, 3) of a mesh file, closed or not.
+
+    Parameters
+    ----------
+    scale : length of the file's unit in scene units
+
+    Raises
+    ------
+    SceneError, MissingExtra
+    """
+    mesh = load_mesh(path, scale=scale, faces="one", solid=False)
+    return np.asarray(mesh.vertices, np.float64), np.asarray(mesh.triangles, np.int64)
 
 
 def _read(file: Path, body: str) -> MeshArrays:

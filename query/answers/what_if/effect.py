@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,8 +14,9 @@ from query.answers.paths.tables import path_table
 from query.answers.selections.selector import bind_all
 from query.answers.what_if.changes import changes_of
 from query.answers.what_if.scenes import changes_of_scene
+from query.answers.what_if.stops import parse_stops
 from query.engine.scan import Cancel, Scan
-from query.engine.search import Found
+from query.engine.search import Found, search_portion
 from query.engine.second_try import asked_again
 from query.engine.tally import Estimate, Tally, estimate, source_factors
 from raymap.model.doubt import with_doubts
@@ -23,7 +24,10 @@ from raymap.model.errors import RayMapError
 from raymap.model.rows import squares_by_emission
 from raymap.optics.photometry import path_sums, ray_weights
 from raymap.passes.branches import BRANCHES
-from raymap.passes.revised import RevisedMap, RevisedPortion
+from raymap.passes.placed import PlacedMap
+from raymap.passes.revised import RevisedMap
+from raymap.passes.stopped import StoppedMap
+from raymap.passes.views import MapView
 
 if TYPE_CHECKING:
     from raymap.file.reader import RayMap
@@ -39,8 +43,12 @@ FEWEST = 100
 
 
 def what_if(
-    map: RayMap, changes: Mapping[str, Any] | None = None, *, scene: str | Path | None = None
-) -> RevisedMap:
+    map: RayMap,
+    changes: Mapping[str, Any] | None = None,
+    *,
+    scene: str | Path | None = None,
+    stops: Sequence[str] = (),
+) -> MapView:
     """A view of a map as it would be under changes, which every question takes in its place.
 
     Parameters
@@ -51,6 +59,9 @@ def what_if(
         ``scatter``; of media ``absorption``, ``scattering`` [1 / length unit]; of sources ``flux``
         [flux unit], ``on``, ``spectrum`` (shares by channel, the flux is kept)
     scene : a scene file of the same geometry from which the changes are taken, instead
+    stops : ideal absorbers that end light: ``"ring(z=30, inner=12, outer=32)"`` with ``x``, ``y``
+        or ``z``, or ``center`` and ``axis``; ``"rectangle(z=30, size=[20, 10])"``;
+        ``"mesh(file='baffle.stl', scale=1, position=[0, 0, 0])"``; ``name`` is how criteria call it
 
     Raises
     ------
@@ -58,6 +69,24 @@ def what_if(
         There is no such name; changes that bend light elsewhere; a map that does not say its laws.
     """
     map.need_rays()
+    if stops:
+        map = _with_stops(map, stops)
+        if not changes and scene is None:
+            assert isinstance(map, MapView)
+            return map
+    return _revised(map, changes, scene)
+
+
+def _with_stops(map: RayMap, stops: Sequence[str]) -> MapView:
+    """A view whose rays end at stops; what other views make of rays, they make of what is left."""
+    if isinstance(map, RevisedMap | PlacedMap):
+        return map.over(_with_stops(map.base, stops))
+    return StoppedMap(map, parse_stops(stops, map.directory))
+
+
+def _revised(
+    map: RayMap, changes: Mapping[str, Any] | None, scene: str | Path | None
+) -> RevisedMap:
     names = {name for portion in map.portions[:1] for name in portion.column_names}
     if (changes is None) == (scene is None):
         raise RayMapError("say what is changed: changes, or a scene that has them")
@@ -99,7 +128,7 @@ class Effect:
     difference, difference_se : after - before; its error is smaller than theirs, as both are of
         the same rays
     ratio : after / before, None where nothing was there
-    rays : that satisfy the criterion
+    rays : that satisfy the criterion, before or after, whichever are more
     effective : rays of equal weight that would say as much: (Σ w)² / Σ w²
     opened : what the changes open that was never drawn, so that it is missing in ``after``
     impossible : events that the recorded laws do not allow, which rounding put there
@@ -142,7 +171,7 @@ class Effect:
 @asked_again
 def effect(
     map: RayMap,
-    view: RevisedMap,
+    view: MapView,
     criterion: object = None,
     *,
     threads: int | None = None,
@@ -155,50 +184,78 @@ def effect(
     UnknownName, CriterionError, RayMapError
     """
     view.threads = threads or 0
-    [node] = bind_all(map, [criterion])
-    n_sources = len(map.directory.sources)
-    sums = np.zeros((6, n_sources))
+    before = _as_it_was(map, view)
+    scan = Scan(before, bind_all(before, [criterion]), threads=threads, cancel=cancel)
+    if before is map:
+        known = _of_paths(scan, view)
+        if known is not None:
+            return _effect(map, view, known, map.emitted)
+    sums = np.zeros((7, len(map.directory.sources)))
 
     def visit(found: Found) -> Floats:
-        portion = view.portions[found.index]
-        assert isinstance(portion, RevisedPortion)
-        rays = np.flatnonzero(found.masks[0])
-        weights = []
-        for each in (portion.own, portion):
-            weight = ray_weights(each, rays)
-            weights.append(np.ones(len(rays)) if weight is None else weight)
-        portion.forget()
-        source = portion.column("source")[rays].astype(np.int64)
-        emission = portion.column("emission")[rays] if portion.grouped else None
-        own, new = weights
-        squares = [
-            squares_by_emission(source, each, emission, n_sources) for each in (own, new, own + new)
-        ]
-        return np.stack(
-            [
-                np.bincount(source, minlength=n_sources).astype(np.float64),
-                np.bincount(source, own, n_sources),
-                squares[0],
-                np.bincount(source, new, n_sources),
-                squares[1],
-                0.5 * (squares[2] - squares[0] - squares[1]),
-            ]
-        )
+        return _sums_of(found, search_portion(
+            found.index, before.portions[found.index], scan.verdicts, scan.local(found.index),
+            before.channel_sets, found.check,
+        ), before is map, len(map.directory.sources))  # fmt: skip
 
     def take(_: int, product: Floats) -> None:
         nonlocal sums
         sums = sums + product
 
-    scan = Scan(map, [node], visit=visit, take=take, threads=threads, cancel=cancel)
-    known = _of_paths(scan, view)
-    if known is not None:
-        return _effect(map, view, known, map.emitted)
-    scan.run()
-    emitted = scan.emitted if scan.complete else map.emitted
+    # Where rays end elsewhere those that now do what is asked may not have done so, and vice versa
+    wanted = bind_all(view, [criterion] if before is map else [criterion, None])
+    after = Scan(view, wanted, visit=visit, take=take, threads=threads, cancel=cancel)
+    after.run()
+    emitted = after.emitted if after.complete else map.emitted
     return _effect(map, view, sums, emitted)
 
 
-def _of_paths(scan: Scan, view: RevisedMap) -> Floats | None:
+def _as_it_was(map: RayMap, view: MapView) -> RayMap:
+    """The map, knowing the names of what a view adds to it, where rays of the view end there."""
+    looked: Any = view
+    while isinstance(looked, MapView) and looked is not map:
+        if isinstance(looked, StoppedMap):
+            return looked.unstopped()
+        looked = looked.base
+    return map
+
+
+def _sums_of(after: Found, before: Found, alike: bool, n_sources: int) -> Floats:
+    """Of a portion, by source: rays before and after, Σ w and Σ w² of both, Σ w w'.
+
+    Parameters
+    ----------
+    alike : the same rays do what is asked
+    """
+    masks = before.masks[0], before.masks[0] if alike else after.masks[0]
+    rays = np.flatnonzero(masks[0] | masks[1])
+    portion = after.portion
+    weights = []
+    for each, mask in zip((before.portion, portion), masks, strict=True):
+        weight = ray_weights(each, rays)
+        weights.append(np.where(mask[rays], 1.0 if weight is None else weight, 0.0))
+    portion.forget()
+    source = portion.column("source")[rays].astype(np.int64)
+    emission = portion.column("emission")[rays] if portion.grouped else None
+    own, new = weights
+    squares = [
+        squares_by_emission(source, each, emission, n_sources) for each in (own, new, own + new)
+    ]
+    counts = [np.bincount(source[mask[rays]], minlength=n_sources) for mask in masks]
+    return np.stack(
+        [
+            counts[0].astype(np.float64),
+            np.bincount(source, own, n_sources),
+            squares[0],
+            counts[1].astype(np.float64),
+            np.bincount(source, new, n_sources),
+            squares[1],
+            0.5 * (squares[2] - squares[0] - squares[1]),
+        ]
+    )
+
+
+def _of_paths(scan: Scan, view: MapView) -> Floats | None:
     """The sums of `effect` from the dictionary alone; None where rays must be looked at.
 
     That needs a criterion that paths decide, and rays that change as their paths do.
@@ -215,22 +272,23 @@ def _of_paths(scan: Scan, view: RevisedMap) -> Floats | None:
     chosen = np.flatnonzero(scan.verdicts.pairs[0].certain)
     source, n = base.paths.source[chosen], scan.n_sources
     f, w, w2 = factors[chosen], own[chosen], squares[chosen]
-    columns = (base.paths.rays[chosen], w, w2, f * w, f**2 * w2, f * w2)
+    rays = base.paths.rays[chosen]
+    columns = (rays, w, w2, rays, f * w, f**2 * w2, f * w2)
     return np.stack([np.bincount(source, column, n) for column in columns])
 
 
-def _effect(map: RayMap, view: RevisedMap, sums: Floats, emitted: NDArray[np.int64]) -> Effect:
-    counts = sums[0].astype(np.int64)
-    before = estimate(Tally(counts, sums[1], sums[2]), map.directory, emitted)
-    after = estimate(Tally(counts, sums[3], sums[4]), view.directory, emitted)
+def _effect(map: RayMap, view: MapView, sums: Floats, emitted: NDArray[np.int64]) -> Effect:
+    counts = sums[[0, 3]].astype(np.int64)
+    before = estimate(Tally(counts[0], sums[1], sums[2]), map.directory, emitted)
+    after = estimate(Tally(counts[1], sums[4], sums[5]), view.directory, emitted)
     own, new = (source_factors(each.directory, emitted) for each in (map, view))
     # Light of the same emission before and after: x = new - own, variance Σ x² - (Σ x)² / N
-    x = new * sums[3] - own * sums[1]
-    x2 = new**2 * sums[4] - 2.0 * new * own * sums[5] + own**2 * sums[2]
+    x = new * sums[4] - own * sums[1]
+    x2 = new**2 * sums[5] - 2.0 * new * own * sums[6] + own**2 * sums[2]
     sent = np.maximum(np.asarray(emitted, np.float64), 1.0)
     variance = float(np.maximum(0.0, x2 - x**2 / sent).sum())
-    lit = float((new * sums[3]).sum())
-    spread = float((new**2 * sums[4]).sum())
+    lit = float((new * sums[4]).sum())
+    spread = float((new**2 * sums[5]).sum())
     opened = tuple(
         Opened(
             map.directory.faces.names[entry.face],
@@ -245,7 +303,7 @@ def _effect(map: RayMap, view: RevisedMap, sums: Floats, emitted: NDArray[np.int
         difference=after.flux - before.flux,
         difference_se=variance**0.5,
         ratio=after.flux / before.flux if before.flux > 0.0 else None,
-        rays=int(counts.sum()),
+        rays=int(counts.max(axis=0).sum()),
         effective=lit**2 / spread if spread > 0.0 else 0.0,
         opened=opened,
         impossible=view.impossible,
@@ -254,7 +312,7 @@ def _effect(map: RayMap, view: RevisedMap, sums: Floats, emitted: NDArray[np.int
 
 def changed_paths(
     map: RayMap,
-    view: RevisedMap,
+    view: MapView,
     criterion: object = None,
     top: int = 10,
     *,
@@ -266,26 +324,33 @@ def changed_paths(
     ------
     UnknownName, CriterionError, RayMapError
     """
-    tables = [
-        {row.path: row for row in path_table(each, criterion, threads=threads).rows(_MOST)}
-        for each in (map, view)
-    ]
+    before = _as_it_was(map, view)
+    found = [path_table(each, criterion, threads=threads) for each in (before, view)]
+    tables = [{row.path: row for row in table.rows(_MOST)} for table in found]
+    whole = [table.n_paths <= _MOST for table in found]
     rows = []
     for path in dict.fromkeys((*tables[0], *tables[1])):
-        before, after = (table.get(path) for table in tables)
-        if path == "remainder" or before is None or after is None:
+        pair = [table.get(path) for table in tables]
+        # A path that is in one table only is not known to be missing in the other, if that is long
+        if path == "remainder" or any(
+            row is None and not all_told for row, all_told in zip(pair, whole, strict=True)
+        ):
             continue
+        flux, se = ([0.0 if row is None else getattr(row, name) for row in pair] for name in (
+            "flux", "flux_se"
+        ))  # fmt: skip
+        some = [row for row in pair if row is not None]
         rows.append(
             with_doubts(
                 {
                     "path": path,
-                    "criterion": after.criterion,
-                    "rays": after.rays,
-                    "flux_before": before.flux,
-                    "flux_before_se": before.flux_se,
-                    "flux": after.flux,
-                    "flux_se": after.flux_se,
-                    "difference": after.flux - before.flux,
+                    "criterion": some[-1].criterion,
+                    "rays": some[-1].rays,
+                    "flux_before": flux[0],
+                    "flux_before_se": se[0],
+                    "flux": flux[1],
+                    "flux_se": se[1],
+                    "difference": flux[1] - flux[0],
                 }
             )
         )
