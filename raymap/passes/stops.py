@@ -350,7 +350,7 @@ def _reach_triangle(
     # Light must not slip through between neighbours
     if u < -1e-12 or v < -1e-12 or u + v > 1.0 + 1e-12:
         return -1.0
-    return (bx * rx + by * ry + bz * rz) / size
+    return float((bx * rx + by * ry + bz * rz) / size)
 
 
 @inner_kernel
