@@ -36,8 +36,8 @@ class FacePlan:
 class Body(Placed):
     """What all bodies share.
 
-    A body with a ``medium`` is a solid; without one its faces are sheets that light meets from both
-    sides. ``faces`` gives single faces a surface of their own.
+    A body with a ``medium`` is a solid; without one its faces are open surfaces that light meets
+    from both sides. ``faces`` gives single faces a surface of their own.
     """
 
     kind: str

@@ -45,7 +45,7 @@ from tracer.geometry.kinds import ANNULUS, CYLINDER, MESH, RECTANGLE, SPHERE
 from tracer.geometry.shape_columns import ShapeColumns
 from tracer.scene.arrangement.candidates import Candidates, StartBins
 from tracer.scene.arrangement.contacts import find_contacts
-from tracer.scene.arrangement.sheets import warn_of_hidden_sheets
+from tracer.scene.arrangement.open_surfaces import warn_of_hidden_surfaces
 from tracer.scene.arrangement.touching import warn_of_touching
 from tracer.scene.detectors import DetectorTable
 from tracer.scene.faces import FaceTable, given_parameters
@@ -185,7 +185,7 @@ class _Compiler:
         if faces.placed:
             owners = [faces.objects[p.object].name for p in faces.primitives]
             warn_of_touching(faces.placed, shapes, owners, faces.solids, radius, scene.origin)
-        warn_of_hidden_sheets(
+        warn_of_hidden_surfaces(
             contacts,
             faces.primitives,
             [item.name for item in faces.objects],

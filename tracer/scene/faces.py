@@ -93,7 +93,7 @@ class FaceTable:
         return [(name, known[name]) for name in self.surface_numbers]
 
     def _surface_number(self, name: str | None, solid: bool, place: str) -> int:
-        """Index of a surface by name; the default of solids is bare, of sheets there is none."""
+        """Index of a surface by name; the default of solids is bare, others have none."""
         if name is None:
             if not solid:
                 raise self.fail(

@@ -1,9 +1,9 @@
 """Which bodies a ray is in beyond a face, also where faces of several bodies coincide.
 
-At a place where faces lie on one another light meets one interface. A sheet counts before
-solids (paint on glass), a detector before other sheets; of solids the one of higher priority gives
-name and surface, of equal ones, as of sheets, the one that the scene names first. The ray leaves
-and enters all of them at once.
+At a place where faces lie on one another light meets one interface. An open surface counts before
+solids (paint on glass), a detector before other open surfaces; of solids the one of higher priority
+gives name and surface, of equal ones, as of open surfaces, the one that the scene names first. The
+ray leaves and enters all of them at once.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def scene_touches(contacts: Contacts | None) -> bool:
 
 @inline_kernel
 def left_together(contacts: Contacts | None, face_i: I64, own: int, face: int) -> bool:
-    """Whether a sheet lies on the sheet that the ray leaves, so that only rounding parts them.
+    """Whether an open surface lies on the one that the ray leaves: only rounding parts them.
 
     Solids need no such question: the ray is in none of those that it would leave again.
     """

@@ -1,4 +1,4 @@
-"""Solids that touch, lie in one another flush, or lie on sheets: one interface, nothing lost."""
+"""Solids that touch, lie in one another flush or on open surfaces: one interface, nothing lost."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Faces that lie on one another: solids that touch, sheets on solids, sheets on sheets.
+"""Faces that lie on one another: solids, and open surfaces on solids or on one another.
 
 Where two faces coincide light meets one interface, not two with nothing between them. The pairs
 that can coincide are found once; whether they do at a point is decided there. Faces coincide where
@@ -24,7 +24,7 @@ from tracer.geometry.kinds import (
     SPHERE,
 )
 from tracer.geometry.shape_columns import ShapeColumns
-from tracer.scene.arrangement.sheets import sheets_overlap
+from tracer.scene.arrangement.open_surfaces import open_surfaces_overlap
 from tracer.scene.box_pairs import meeting_boxes
 
 __all__ = ["find_contacts"]
@@ -59,8 +59,8 @@ def find_contacts(
         same = _on_one_surface(shapes, a, b, reach)
         a, b = a[same], b[same]
         kept = solid[a] | solid[b]
-        sheets = np.flatnonzero(~kept)
-        kept[sheets] = sheets_overlap(shapes.of(a[sheets]), shapes.of(b[sheets]), reach)
+        thin = np.flatnonzero(~kept)
+        kept[thin] = open_surfaces_overlap(shapes.of(a[thin]), shapes.of(b[thin]), reach)
         pairs.append((a[kept], b[kept]))
     one = np.concatenate([pair[0] for pair in pairs])
     other = np.concatenate([pair[1] for pair in pairs])

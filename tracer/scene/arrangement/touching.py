@@ -65,7 +65,7 @@ def warn_of_touching(
     meshes : triangles of bodies by name, in the scene
     faces : analytic faces; those with aspheric coefficients are passed over
     bodies : per face the name of its body
-    solids : names of the bodies with a medium; two sheets need no order
+    solids : names of the bodies with a medium; two open surfaces need no order
     size : radius of the scene
     place : names the scene
     """

@@ -1,7 +1,7 @@
-"""Sheets that lie on one another: light meets one of them, and the hidden one is warned about.
+"""Open surfaces that lie on one another: light meets one, and the hidden one is warned about.
 
-A sheet has no thickness, so of two in one place only one surface can act: a detector's, otherwise
-that of the body named first. That must be neither left to rounding nor a surprise.
+An open surface has no thickness, so of two in one place only one surface can act: a detector's,
+otherwise that of the body named first. That must be neither left to rounding nor a surprise.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ from tracer.geometry.shapes import Annulus, Polygon, Rectangle, Shape
 from tracer.scene.faces import Primitive
 from tracer.surfaces.surface import Surface
 
-__all__ = ["HiddenSheet", "sheets_overlap", "warn_of_hidden_sheets"]
+__all__ = ["HiddenSurface", "open_surfaces_overlap", "warn_of_hidden_surfaces"]
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Flat = Annulus | Rectangle | Polygon
 
 _SLIVER = 1e-6
-"""Share of the scene's radius by which typed numbers let sheets overlap that stand side by side."""
+"""Share of the scene's radius by which typed numbers let surfaces overlap that stand side by side."""
 
 _NAMED = 3
 
 
-class HiddenSheet(UserWarning):
-    """A sheet that light does not meet where another one lies on it."""
+class HiddenSurface(UserWarning):
+    """An open surface that light does not meet where another one lies on it."""
 
 
-def warn_of_hidden_sheets(
+def warn_of_hidden_surfaces(
     contacts: Contacts | None,
     faces: Sequence[Primitive],
     bodies: Sequence[str],
@@ -42,7 +42,7 @@ def warn_of_hidden_sheets(
     size: float,
     place: str,
 ) -> None:
-    """Warn of sheets that lie on one another, once for each that hides others.
+    """Warn of open surfaces that lie on one another, once for each that hides others.
 
     Nothing is said where nothing is lost: of a detector on a wall, of opaque boxes that touch.
 
@@ -57,7 +57,7 @@ def warn_of_hidden_sheets(
         return
     pairs = list(_pairs(contacts, faces, surfaces))
     ones, others = ([faces[pair[k]] for pair in pairs] for k in (0, 1))
-    lies = sheets_overlap(
+    lies = open_surfaces_overlap(
         [face.shape for face in ones], [face.shape for face in others], _SLIVER * size
     )
     hidden: dict[str, dict[str, None]] = {}
@@ -70,10 +70,10 @@ def warn_of_hidden_sheets(
         if len(known) > _NAMED:
             names += f" and {len(known) - _NAMED} more"
         warnings.warn(
-            f"{place}: sheet {first!r} lies on {names}: light meets only {first!r} there, which "
-            "is named first; leave a micrometre between them if light shall meet both, or name "
-            "first what it shall meet",
-            HiddenSheet,
+            f"{place}: open surface {first!r} lies on {names}: light meets only {first!r} there, "
+            "which is named first; leave a micrometre between them if light shall meet both, or "
+            "name first what it shall meet",
+            HiddenSurface,
             stacklevel=4,
         )
 
@@ -81,7 +81,7 @@ def warn_of_hidden_sheets(
 def _pairs(
     contacts: Contacts, faces: Sequence[Primitive], surfaces: Sequence[Surface]
 ) -> Iterator[tuple[int, int]]:
-    """The sheet that light meets and the one it does not, where that changes what happens."""
+    """The one that light meets and the one it does not, where that changes what happens."""
     parts = Counter(face.object for face in faces)
     for one in np.flatnonzero(np.diff(contacts.first)).tolist():
         for other in contacts.face[contacts.first[one] : contacts.first[one + 1]].tolist():
@@ -96,7 +96,7 @@ def _pairs(
                 yield one, other
 
 
-def sheets_overlap(one: Sequence[Shape], other: Sequence[Shape], least: float) -> Flags:
+def open_surfaces_overlap(one: Sequence[Shape], other: Sequence[Shape], least: float) -> Flags:
     """Which pairs of flat faces of one plane share more than a strip of the width ``least``.
 
     Faces of other shapes do: they are known to be parts of one surface, along the same stretch.

@@ -1,4 +1,4 @@
-"""Sheets that lie on one another: which of them light meets, and what is said about the other."""
+"""Open surfaces that lie on one another: which light meets, and what is said of the other."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.examples import examples
 from tests.tracer.transport.tracing import Trace, assert_share, compiled, trace
 from tracer.description.fields import Placed
 from tracer.geometry.shapes import Annulus, Polygon, Rectangle, Shape
-from tracer.scene.arrangement.sheets import HiddenSheet, sheets_overlap
+from tracer.scene.arrangement.open_surfaces import HiddenSurface, open_surfaces_overlap
 
 SUN = """
 [surfaces.white]
@@ -39,8 +39,10 @@ TURN = (23.0, 31.0, 17.0)
 FRAME = Placed(rotation=TURN).frame()[1]
 
 
-def sheet(name: str, surface: str, shape: str, place: tuple[float, float] = (0.0, 0.0)) -> str:
-    """A sheet in one plane of no axis, moved within it."""
+def open_surface(
+    name: str, surface: str, shape: str, place: tuple[float, float] = (0.0, 0.0)
+) -> str:
+    """An open surface in one plane of no axis, moved within it."""
     position = (FRAME[:, :2] @ np.array(place)).tolist()
     return (
         f'[bodies.{name}]\nkind = "{shape.split()[0]}"\n{shape.split(" ", 1)[1]}\n'
@@ -69,39 +71,41 @@ PAIRS = {
 
 
 @pytest.mark.parametrize("pair", PAIRS)
-def test_light_meets_the_sheet_named_first_and_never_the_other(pair: str) -> None:
+def test_light_meets_the_one_named_first_and_never_the_other(pair: str) -> None:
     first, second = PAIRS[pair]
-    scene = SUN + sheet("first", "diffuser", first) + sheet("second", "white", second)
-    with pytest.warns(HiddenSheet, match="'first' lies on 'second'.*leave a micrometre"):
+    scene = SUN + open_surface("first", "diffuser", first) + open_surface("second", "white", second)
+    with pytest.warns(HiddenSurface, match="'first' lies on 'second'.*leave a micrometre"):
         found = trace(scene, 40_000)
     if pair == "two tubes":
         assert met(found) == {"first"}
         return
-    # Near the middle both are there; whoever leaves the first sheet comes back to neither
+    # Near the middle both are there; whoever leaves the first one comes back to neither
     assert met(found) == {"first"}
     assert np.all(found.portion.records_per_ray <= 3)
     assert_share(found.endings(Event.SURFACE_ABSORPTION), 40_000, 0.3)
     assert found.count(Event.GEOMETRY_ERROR) == 0
 
 
-def test_sheets_a_micrometre_apart_act_both() -> None:
-    scene = SUN + sheet("first", "filter", SQUARE)
+def test_open_surfaces_a_micrometre_apart_act_both() -> None:
+    scene = SUN + open_surface("first", "filter", SQUARE)
     apart = (FRAME[:, 2] * -1e-3).tolist()
     scene += (
         '[bodies.second]\nkind = "rectangle"\nsize = [8, 8]\nsurface = "filter"\n'
         f"position = {apart}\nrotation = {list(TURN)}\n"
     )
     both = trace(scene, 40_000)
-    alone = trace(SUN + sheet("first", "filter", SQUARE), 40_000)
+    alone = trace(SUN + open_surface("first", "filter", SQUARE), 40_000)
     assert met(both) == {"first", "second"}
     left_alone, left = alone.endings(Event.LEFT_SCENE), both.endings(Event.LEFT_SCENE)
     assert left < 0.9 * left_alone
 
 
-def test_beyond_the_edge_of_one_sheet_light_meets_the_other() -> None:
+def test_beyond_the_edge_of_one_surface_light_meets_the_other() -> None:
     scene = SUN.replace("diameter = 1", "diameter = 7.5")
-    scene += sheet("first", "absorber", "disc outer = 1") + sheet("second", "white", SQUARE)
-    with pytest.warns(HiddenSheet):
+    scene += open_surface("first", "absorber", "disc outer = 1") + open_surface(
+        "second", "white", SQUARE
+    )
+    with pytest.warns(HiddenSurface):
         found = trace(scene, 40_000)
     assert met(found) == {"first", "second"}
     # The disc hides its projection, an ellipse, in the beam's disc
@@ -111,7 +115,7 @@ def test_beyond_the_edge_of_one_sheet_light_meets_the_other() -> None:
 
 def test_a_detector_on_a_wall_sees_all_that_reaches_it() -> None:
     position, axis, up = (x.tolist() for x in (0 * FRAME[:, 0], FRAME[:, 2], FRAME[:, 1]))
-    scene = SUN + sheet("wall", "white", SQUARE)
+    scene = SUN + open_surface("wall", "white", SQUARE)
     scene += (
         f'[detectors.screen]\nkind = "plane"\nblocking = true\nsize = [4, 4]\ncells = [4, 4]\n'
         f"position = {position}\nlooks = {axis}\nup = {up}\n"
@@ -121,15 +125,15 @@ def test_a_detector_on_a_wall_sees_all_that_reaches_it() -> None:
 
 
 SILENT = {
-    "tiles side by side": sheet("a", "white", "rectangle size = [2, 2]")
-    + sheet("b", "absorber", "rectangle size = [2, 2]", (2.0, 0.0))
-    + sheet("c", "clear", "rectangle size = [4, 2]", (1.0, 2.0)),
-    "a disc in the hole of a ring": sheet("a", "white", "disc outer = 2")
-    + sheet("b", "absorber", "ring inner = 2\nouter = 4"),
-    "two stops alike": sheet("a", "absorber", "ring inner = 2\nouter = 4")
-    + sheet("b", "absorber", "ring inner = 1\nouter = 3"),
-    "a black box on a table": sheet("table", "white", SQUARE)
-    + sheet("box", "absorber", "box size = [2, 2, 2]").replace(
+    "tiles side by side": open_surface("a", "white", "rectangle size = [2, 2]")
+    + open_surface("b", "absorber", "rectangle size = [2, 2]", (2.0, 0.0))
+    + open_surface("c", "clear", "rectangle size = [4, 2]", (1.0, 2.0)),
+    "a disc in the hole of a ring": open_surface("a", "white", "disc outer = 2")
+    + open_surface("b", "absorber", "ring inner = 2\nouter = 4"),
+    "two stops alike": open_surface("a", "absorber", "ring inner = 2\nouter = 4")
+    + open_surface("b", "absorber", "ring inner = 1\nouter = 3"),
+    "a black box on a table": open_surface("table", "white", SQUARE)
+    + open_surface("box", "absorber", "box size = [2, 2, 2]").replace(
         "position = [0.0, 0.0, 0.0]", f"position = {FRAME[:, 2].tolist()}"
     ),
 }
@@ -142,10 +146,12 @@ def test_where_nothing_is_lost_nothing_is_said(case: str) -> None:
         compiled(SUN + SILENT[case])
 
 
-def test_many_hidden_sheets_are_one_line() -> None:
-    dots = "".join(sheet(f"dot{k}", "white", "disc outer = 0.1", (0.3 * k, 0.0)) for k in range(9))
-    with pytest.warns(HiddenSheet, match="'dot0', 'dot1', 'dot2' and 6 more") as caught:
-        compiled(SUN + sheet("table", "absorber", SQUARE) + dots)
+def test_many_hidden_surfaces_are_one_line() -> None:
+    dots = "".join(
+        open_surface(f"dot{k}", "white", "disc outer = 0.1", (0.3 * k, 0.0)) for k in range(9)
+    )
+    with pytest.warns(HiddenSurface, match="'dot0', 'dot1', 'dot2' and 6 more") as caught:
+        compiled(SUN + open_surface("table", "absorber", SQUARE) + dots)
     assert len(caught) == 1
 
 
@@ -188,10 +194,10 @@ GRID = np.stack(np.meshgrid(*2 * [np.linspace(-6.0, 6.0, 241)]), -1).reshape(-1,
 @given(flats(), flats())
 def test_overlap_is_what_a_grid_of_places_says(one: Shape, other: Shape) -> None:
     both = int(np.count_nonzero(covers(one, GRID) & covers(other, GRID)))
-    said, reversed_ = sheets_overlap([one, other], [other, one], 1e-9).tolist()
+    said, reversed_ = open_surfaces_overlap([one, other], [other, one], 1e-9).tolist()
     assert said == reversed_
     if both:
         assert said
     # A face across a ring's hole may lie in hole and ring or beside both: only overlap is promised
     elif not any(isinstance(shape, Annulus) and shape.inner > 0.0 for shape in (one, other)):
-        assert not sheets_overlap([one], [other], 0.25)[0]
+        assert not open_surfaces_overlap([one], [other], 0.25)[0]
