@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tracer.compiled import VIEW_ROW, CompiledScene, Contacts, Views
+from tracer.compiled import VIEW_ROW, CoincidentFaces, CompiledScene, Views
 from tracer.scene import compile as compiling
 from tracer.scene.model import Scene
 
@@ -35,7 +35,7 @@ def whole(arrays: CompiledScene) -> CompiledScene:
     empty = {
         "pool": np.zeros(1),
         "tables": np.zeros(1),
-        "contacts": Contacts(
+        "coincident": CoincidentFaces(
             first=np.zeros(len(arrays.face_i) + 1, np.int64), face=np.zeros(0, np.int64)
         ),
         "light_pool": np.zeros(1),

@@ -151,7 +151,7 @@ class VarianceReduction(NamedTuple):
     targets: F64
 
 
-class Contacts(NamedTuple):
+class CoincidentFaces(NamedTuple):
     """Faces that may lie on face f: entries first[f] to first[f + 1] of ``face``."""
 
     first: I64
@@ -204,7 +204,7 @@ class CompiledScene(NamedTuple):
         ray starts in one channel, drawn from its colour
     reduction : settings of the weighted mode; None in the analog one, where the compiler leaves it
         out
-    contacts : faces that lie on one another; None where there are none
+    coincident : faces that lie on one another; None where there are none
     light_pool, light_rays : tables of sources (`tracer.sources.light_pool`); None where all are
         plain
     views : detectors that are no planes; None where there are none
@@ -235,7 +235,7 @@ class CompiledScene(NamedTuple):
     sphere: F64
     limits: I64
     reduction: VarianceReduction | None = None
-    contacts: Contacts | None = None
+    coincident: CoincidentFaces | None = None
     light_pool: F64 | None = None
     light_rays: NDArray[np.float32] | None = None
     views: Views | None = None

@@ -42,7 +42,7 @@ from tracer.compiled import (
 from tracer.geometry.kinds import MESH
 from tracer.geometry.normals import face_normal
 from tracer.rays.random import advance, stream_state, uniform
-from tracer.transport.contacts import cross_face
+from tracer.transport.cross_face import cross_face
 from tracer.transport.medium_stack import top_body
 
 __all__ = ["FacesByNumber", "PolarizedColumns", "RayColumns", "polarize_rays"]
@@ -109,7 +109,7 @@ def _crossed(
 ) -> int:
     """Medium stack behind a face and all that coincide with it there, -1 if that cannot be."""
     beyond, _ = cross_face(
-        scene.contacts, scene.face_i, scene.face_f, scene.pool, scene.body_i, face, stack, cosine,
+        scene.coincident, scene.face_i, scene.face_f, scene.pool, scene.body_i, face, stack, cosine,
         x, y, z,
     )  # fmt: skip
     return beyond

@@ -44,9 +44,9 @@ from tracer.detectors.model import DetectorModel
 from tracer.geometry.kinds import ANNULUS, CYLINDER, MESH, RECTANGLE, SPHERE
 from tracer.geometry.shape_columns import ShapeColumns
 from tracer.scene.arrangement.candidates import Candidates, StartBins
-from tracer.scene.arrangement.contacts import find_contacts
+from tracer.scene.arrangement.coincident_faces import find_coincident_faces
+from tracer.scene.arrangement.coincident_triangles import warn_of_coincident_triangles
 from tracer.scene.arrangement.open_surfaces import warn_of_hidden_surfaces
-from tracer.scene.arrangement.touching import warn_of_touching
 from tracer.scene.detectors import DetectorTable
 from tracer.scene.faces import FaceTable, given_parameters
 from tracer.scene.inputs import file_hash, inputs_of, taking_part
@@ -176,7 +176,7 @@ class _Compiler:
         plain = _plain_faces(face_i, surface_i, self.media.integers)
         if reduction is not None or detectors.virtual or detectors.views is not None:
             plain[:] = 0
-        contacts = find_contacts(
+        coincident = find_coincident_faces(
             shapes,
             [p.object for p in faces.primitives],
             [p.inside >= 0 for p in faces.primitives],
@@ -184,17 +184,19 @@ class _Compiler:
         )
         if faces.placed:
             owners = [faces.objects[p.object].name for p in faces.primitives]
-            warn_of_touching(faces.placed, shapes, owners, faces.solids, radius, scene.origin)
+            warn_of_coincident_triangles(
+                faces.placed, shapes, owners, faces.solids, radius, scene.origin
+            )
         warn_of_hidden_surfaces(
-            contacts,
+            coincident,
             faces.primitives,
             [item.name for item in faces.objects],
             [model for _, model in faces.surface_models()],
             radius,
             scene.origin,
         )
-        if contacts is not None:
-            plain[np.diff(contacts.first) > 0] = 0
+        if coincident is not None:
+            plain[np.diff(coincident.first) > 0] = 0
         arrays = CompiledScene(
             face_i=face_i,
             face_f=face_f,
@@ -221,7 +223,7 @@ class _Compiler:
             sphere=np.array([*center, radius, *detectors.box(1e-9 * radius)]),
             limits=np.array([scene.limits.depth, world, detectors.virtual, 0], np.int64),
             reduction=reduction,
-            contacts=contacts,
+            coincident=coincident,
             light_pool=sources.pool,
             light_rays=sources.rays,
             views=detectors.views,

@@ -75,7 +75,7 @@ from tracer.transport.buffers import (
     Buffers,
     T,
 )
-from tracer.transport.contacts import cross_face, left_together, scene_touches
+from tracer.transport.cross_face import any_coincident, cross_face, left_together
 from tracer.transport.medium_stack import top_body
 from tracer.transport.meetings import (
     Descriptors,
@@ -109,7 +109,7 @@ GEOMETRY_ERROR = int(Event.GEOMETRY_ERROR)
 RIM_HIT = int(Event.RIM_HIT)
 MEDIUM_CHANGED = int(Event.MEDIUM_CHANGED)
 
-_TOUCHING = 1e-9
+_AT_EDGE = 1e-9
 """Share of the scene's radius below which a meeting from the wrong side is rounding at an edge."""
 _OFF = 1e-13
 """Share of the scene's radius that takes a ray off a face: more than rounding, far below the above,
@@ -216,7 +216,7 @@ def interact(scene: CompiledScene, b: Buffers, split: SplitRays | None, follow: 
     n_channels = colors.shape[1]
     volume_key = 2 * len(face_i) + len(scene.source_i)
     far = max(abs(sphere[0]), abs(sphere[1]), abs(sphere[2]))
-    tiny = max(_TOUCHING * sphere[3], _ROUNDING * far)
+    tiny = max(_AT_EDGE * sphere[3], _ROUNDING * far)
     off = max(_OFF * sphere[3], _STEP * far)
     meshed = len(live_f) > MESH_POINT
     kept = number(0)
@@ -287,14 +287,14 @@ def interact(scene: CompiledScene, b: Buffers, split: SplitRays | None, follow: 
                 nx, ny, nz = face_normal(face_i[met, F_KIND], face_f, met, scene.pool, x, y, z)
             cosine = dx * nx + dy * ny + dz * nz
             beyond, counting = cross_face(
-                scene.contacts, face_i, face_f, scene.pool, body_i, met, stack, cosine, x, y, z
+                scene.coincident, face_i, face_f, scene.pool, body_i, met, stack, cosine, x, y, z
             )
-            if scene_touches(scene.contacts) and counting != face:
+            if any_coincident(scene.coincident) and counting != face:
                 # Another face lies here and counts: it gives normal, name and surface
                 met = unsigned(counting)
                 nx, ny, nz = face_normal(face_i[met, F_KIND], face_f, met, scene.pool, x, y, z)
                 cosine = dx * nx + dy * ny + dz * nz
-            if t < tiny and left_together(scene.contacts, face_i, live_i[OWN, i], face):
+            if t < tiny and left_together(scene.coincident, face_i, live_i[OWN, i], face):
                 beyond = -1
             if beyond < 0 and t < tiny:
                 # Rounding at an edge: the ray is on the right side already; get it off the face

@@ -16,7 +16,7 @@ from tracer.geometry.kinds import ANNULUS, CYLINDER, POLYGON, RECTANGLE, SPHERE
 from tracer.geometry.shape_columns import ShapeColumns
 from tracer.geometry.shapes import Annulus, Cylinder, Polygon, Rectangle, Shape, SphereCap
 from tracer.scene.arrangement import candidates
-from tracer.scene.arrangement.contacts import find_contacts
+from tracer.scene.arrangement.coincident_faces import find_coincident_faces
 from tracer.scene.box_pairs import meeting_boxes
 from tracer.scene.checks import check_lenses, on_common_axis
 from tracer.scene.compile import compile_scene
@@ -124,10 +124,10 @@ def shapes_at_random(rng: np.random.Generator, n: int) -> list[Shape]:
     return found
 
 
-def contacts_of(shapes: Sequence[Shape], size: float) -> Pairs:
+def coincident_faces_of(shapes: Sequence[Shape], size: float) -> Pairs:
     """Pairs that are found, all faces being of solids, each of its own."""
     n = len(shapes)
-    found = find_contacts(ShapeColumns.of_shapes(shapes), range(n), [True] * n, size)
+    found = find_coincident_faces(ShapeColumns.of_shapes(shapes), range(n), [True] * n, size)
     assert found is not None
     pairs = {
         (k, int(other))
@@ -139,7 +139,7 @@ def contacts_of(shapes: Sequence[Shape], size: float) -> Pairs:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_contacts_are_the_faces_of_one_surface_whose_boxes_meet(seed: int) -> None:
+def test_coincident_faces_are_those_of_one_surface_whose_boxes_meet(seed: int) -> None:
     shapes = shapes_at_random(np.random.default_rng(seed), 400)
     size, reach = 10.0, 1e-8
     expected = set()
@@ -156,7 +156,7 @@ def test_contacts_are_the_faces_of_one_surface_whose_boxes_meet(seed: int) -> No
                 continue
         expected.add((k, m))
     assert len(expected) > 300
-    assert contacts_of(shapes, size) == expected
+    assert coincident_faces_of(shapes, size) == expected
 
 
 def test_lenses_on_one_axis_are_compared_wherever_they_are() -> None:
@@ -222,8 +222,8 @@ def test_memory_grows_with_the_number_of_bodies_and_no_faster(kind: str) -> None
 
 def test_boxes_side_by_side_touch_their_neighbours_alone() -> None:
     arrays = compile_scene(parse_scene(field("box", 30, step=2.0))).arrays
-    assert arrays.contacts is not None
-    counts = np.diff(arrays.contacts.first).reshape(30, 30, 6)
+    assert arrays.coincident is not None
+    counts = np.diff(arrays.coincident.first).reshape(30, 30, 6)
     # A side meets the neighbour's side and, at its edges, those of the neighbour's neighbours
     inner = counts[1:-1, 1:-1]
     assert (inner == inner[0, 0]).all()

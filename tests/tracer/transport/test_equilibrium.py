@@ -3,7 +3,8 @@
 The walls of a room emit natural light by Lambert's law and absorb all that comes back. In thermal
 equilibrium every place of every wall gets back what it emits, in every channel, and every plane in
 between sees the same radiance from all directions: that holds only where all that reflects,
-refracts and scatters is reciprocal, loses nothing, and where no ray is lost at edges and contacts.
+refracts and scatters is reciprocal, loses nothing, and where no ray is lost at edges and coincident
+faces.
 """
 
 from __future__ import annotations

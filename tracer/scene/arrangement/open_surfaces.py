@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tracer.compiled import Contacts
+from tracer.compiled import CoincidentFaces
 from tracer.geometry.shapes import Annulus, Polygon, Rectangle, Shape
 from tracer.scene.faces import Primitive
 from tracer.surfaces.surface import Surface
@@ -25,7 +25,7 @@ Flags = NDArray[np.bool_]
 Flat = Annulus | Rectangle | Polygon
 
 _SLIVER = 1e-6
-"""Share of the scene's radius by which typed numbers let surfaces overlap that stand side by side."""
+"""Share of the scene's radius by which typed numbers let surfaces side by side overlap."""
 
 _NAMED = 3
 
@@ -35,7 +35,7 @@ class HiddenSurface(UserWarning):
 
 
 def warn_of_hidden_surfaces(
-    contacts: Contacts | None,
+    coincident: CoincidentFaces | None,
     faces: Sequence[Primitive],
     bodies: Sequence[str],
     surfaces: Sequence[Surface],
@@ -48,14 +48,14 @@ def warn_of_hidden_surfaces(
 
     Parameters
     ----------
-    contacts : faces that lie on one another
+    coincident : faces that lie on one another
     faces, bodies, surfaces : of the scene, by number
     size : radius of the scene
     place : names the scene
     """
-    if contacts is None:
+    if coincident is None:
         return
-    pairs = list(_pairs(contacts, faces, surfaces))
+    pairs = list(_pairs(coincident, faces, surfaces))
     ones, others = ([faces[pair[k]] for pair in pairs] for k in (0, 1))
     lies = open_surfaces_overlap(
         [face.shape for face in ones], [face.shape for face in others], _SLIVER * size
@@ -79,12 +79,12 @@ def warn_of_hidden_surfaces(
 
 
 def _pairs(
-    contacts: Contacts, faces: Sequence[Primitive], surfaces: Sequence[Surface]
+    coincident: CoincidentFaces, faces: Sequence[Primitive], surfaces: Sequence[Surface]
 ) -> Iterator[tuple[int, int]]:
     """The one that light meets and the one it does not, where that changes what happens."""
     parts = Counter(face.object for face in faces)
-    for one in np.flatnonzero(np.diff(contacts.first)).tolist():
-        for other in contacts.face[contacts.first[one] : contacts.first[one + 1]].tolist():
+    for one in np.flatnonzero(np.diff(coincident.first)).tolist():
+        for other in coincident.face[coincident.first[one] : coincident.first[one + 1]].tolist():
             a, b = faces[one], faces[other]
             if other < one or a.inside >= 0 or b.inside >= 0:
                 continue

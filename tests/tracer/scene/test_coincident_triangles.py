@@ -1,4 +1,4 @@
-"""Meshes that touch flat faces or one another are warned about; those that keep apart are not."""
+"""Meshes that lie on faces or on one another are warned about; those that keep apart are not."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ import pytest
 
 from tests.tracer.transport.tracing import compiled
 from tracer.geometry.shape_columns import ShapeColumns
-from tracer.scene.arrangement.touching import TouchingFaces, find_touching
+from tracer.scene.arrangement.coincident_triangles import (
+    CoincidentTriangles,
+    find_coincident_triangles,
+)
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import load_scene, parse_scene
 
@@ -95,10 +98,10 @@ def folder(tmp_path: Path) -> Path:
 @pytest.mark.parametrize("case", TOUCHING)
 def test_touching_bodies_are_named_with_the_remedy(case: str, folder: Path) -> None:
     other, name, count = TOUCHING[case]
-    with pytest.warns(TouchingFaces, match="overlap by a micrometre") as caught:
+    with pytest.warns(CoincidentTriangles, match="overlap by a micrometre") as caught:
         compile_scene(parse_scene(SCENE.format(other=other), folder=folder))
     (message,) = [str(item.message) for item in caught]
-    assert f"bodies 'block' and {name!r} touch along {count} triangle" in message
+    assert f"bodies 'block' and {name!r} coincide along {count} triangle" in message
     assert "\n" not in message
 
 
@@ -107,14 +110,14 @@ def test_bodies_apart_are_left_alone(case: str, folder: Path) -> None:
     compile_scene(parse_scene(SCENE.format(other=APART[case]), folder=folder))
 
 
-def test_a_turned_contact_is_found_too(folder: Path) -> None:
+def test_turned_faces_are_found_too(folder: Path) -> None:
     text = SCENE.format(other=MESH.format(file="fine.stl", place="0, 0, 0"))
     text = text.replace('file = "block.stl"', 'file = "block.stl"\nrotation = [30, 40, 50]')
     up = _rotation(30, 40, 50)[:, 2] * 2.0
     text = text.replace(
         "position = [0, 0, 0]", f"position = {up.tolist()}\nrotation = [30, 40, 50]"
     )
-    with pytest.warns(TouchingFaces, match="touch along 2 triangles"):
+    with pytest.warns(CoincidentTriangles, match="coincide along 2 triangles"):
         compile_scene(parse_scene(text, folder=folder))
 
 
@@ -145,9 +148,9 @@ def test_large_meshes_are_compared_in_a_moment() -> None:
             face_names=("all",),
         )
     began = time.process_time()
-    assert find_touching(balls, NO_FACES, [], ["a", "b"], 3.0) == []
+    assert find_coincident_triangles(balls, NO_FACES, [], ["a", "b"], 3.0) == []
     twin = {"a": balls["a"], "c": balls["a"]}
-    assert find_touching(twin, NO_FACES, [], ["a", "c"], 3.0) == [
+    assert find_coincident_triangles(twin, NO_FACES, [], ["a", "c"], 3.0) == [
         ("a", "c", len(balls["a"].triangles))
     ]
     assert time.process_time() - began < 20.0
@@ -156,9 +159,9 @@ def test_large_meshes_are_compared_in_a_moment() -> None:
 def test_analytic_faces_need_no_warning() -> None:
     two = BOX.format(name="one", place="0, 0, 0") + BOX.format(name="two", place="0, 0, 2")
     lamp = '[sources.s]\nkind = "point"\nposition = [0, 0, 9]\n'
-    contacts = compiled("[media.g]\nindex = 1.5\n" + two + lamp).arrays.contacts
-    assert contacts is not None
-    assert len(contacts.face) > 0
+    coincident = compiled("[media.g]\nindex = 1.5\n" + two + lamp).arrays.coincident
+    assert coincident is not None
+    assert len(coincident.face) > 0
 
 
 ROD = """
@@ -206,10 +209,12 @@ def test_triangles_along_a_curved_face_are_named(case: str, folder: Path) -> Non
     trimesh.creation.cylinder(radius=1, height=2, sections=48).export(folder / "rod.stl")
     trimesh.creation.icosphere(subdivisions=2).export(folder / "ball.stl")
     text = f'length_unit = "mm"\n{LAMP}{mesh}[bodies.other]\n{other}medium = "g"\n'
-    with pytest.warns(TouchingFaces, match="by more than the triangles stand off it") as caught:
+    with pytest.warns(
+        CoincidentTriangles, match="by more than the triangles stand off it"
+    ) as caught:
         compile_scene(parse_scene(text, folder=folder))
     (message,) = [str(item.message) for item in caught]
-    found = re.search(r"'rod' and 'other' touch along (\d+) triangles", message)
+    found = re.search(r"'rod' and 'other' coincide along (\d+) triangles", message)
     assert found is not None
     if count is not None:
         assert int(found[1]) == count

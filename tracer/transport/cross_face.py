@@ -12,45 +12,45 @@ import numpy as np
 
 from raymap.jit.kernels import inline_kernel, inner_kernel
 from raymap.jit.types import F64, I64
-from tracer.compiled import B_PRIORITY, F_DETECTOR, F_INSIDE, F_KIND, F_OUTSIDE, Contacts
+from tracer.compiled import B_PRIORITY, F_DETECTOR, F_INSIDE, F_KIND, F_OUTSIDE, CoincidentFaces
 from tracer.geometry.kinds import ANNULUS, CONE, CONIC, CYLINDER, RECTANGLE, SPHERE
 from tracer.geometry.normals import face_normal
 from tracer.transport.medium_stack import enter_body, leave_body
 
-__all__ = ["cross_face", "left_together", "scene_touches"]
+__all__ = ["cross_face", "left_together", "any_coincident"]
 
 
 @inline_kernel
 def cross_face(
-    contacts: Contacts | None, face_i: I64, face_f: F64, pool: F64 | None, body_i: I64, face: int,
-    stack: int, cosine: float, x: float, y: float, z: float,
+    coincident: CoincidentFaces | None, face_i: I64, face_f: F64, pool: F64 | None, body_i: I64,
+    face: int, stack: int, cosine: float, x: float, y: float, z: float,
 ) -> tuple[int, int]:  # fmt: skip
     """Medium stack beyond a face hit at (x, y, z), -1 if none; the face that counts."""
-    if contacts is None:
+    if coincident is None:
         return _cross(face_i, body_i, face, stack, cosine), face
-    if contacts.first[face] == contacts.first[face + 1]:
+    if coincident.first[face] == coincident.first[face + 1]:
         return _cross(face_i, body_i, face, stack, cosine), face
-    return _cross_all(contacts, face_i, face_f, pool, body_i, face, stack, cosine, x, y, z)
+    return _cross_all(coincident, face_i, face_f, pool, body_i, face, stack, cosine, x, y, z)
 
 
 @inline_kernel
-def scene_touches(contacts: Contacts | None) -> bool:
+def any_coincident(coincident: CoincidentFaces | None) -> bool:
     """Whether any faces of the scene may coincide."""
-    return contacts is not None
+    return coincident is not None
 
 
 @inline_kernel
-def left_together(contacts: Contacts | None, face_i: I64, own: int, face: int) -> bool:
+def left_together(coincident: CoincidentFaces | None, face_i: I64, own: int, face: int) -> bool:
     """Whether an open surface lies on the one that the ray leaves: only rounding parts them.
 
     Solids need no such question: the ray is in none of those that it would leave again.
     """
-    if contacts is None:
+    if coincident is None:
         return False
     if own < 0 or face_i[own, F_INSIDE] >= 0 or face_i[face, F_INSIDE] >= 0:
         return False
-    for k in range(contacts.first[own], contacts.first[own + 1]):
-        if contacts.face[k] == face:
+    for k in range(coincident.first[own], coincident.first[own + 1]):
+        if coincident.face[k] == face:
             return True
     return False
 
@@ -74,16 +74,16 @@ def _cross(face_i: I64, body_i: I64, face: int, stack: int, cosine: float) -> in
 
 @inner_kernel
 def _cross_all(
-    contacts: Contacts, face_i: I64, face_f: F64, pool: F64 | None, body_i: I64, face: int,
+    coincident: CoincidentFaces, face_i: I64, face_f: F64, pool: F64 | None, body_i: I64, face: int,
     stack: int, cosine: float, x: float, y: float, z: float,
 ) -> tuple[int, int]:  # fmt: skip
     """Cross a face and all that coincide with it at a place: leave bodies first, then enter."""
-    first, last = contacts.first[face], contacts.first[face + 1]
+    first, last = coincident.first[face], coincident.first[face + 1]
     counting, beyond = face, stack
     nx, ny, nz = face_normal(face_i[face, F_KIND], face_f, face, pool, x, y, z)
     for entering in range(2):
         for k in range(first - 1, last):
-            other = face if k < first else int(contacts.face[k])
+            other = face if k < first else int(coincident.face[k])
             turned = cosine
             if k >= first:
                 if not _covers(face_i, face_f, pool, other, x, y, z):

@@ -1,4 +1,4 @@
-"""Solids that touch along spheres, cylinders, cones, lens faces: one interface, no film of air."""
+"""Solids that touch along spheres, cylinders, cones, lenses: one interface, no film of air."""
 
 from __future__ import annotations
 
@@ -224,9 +224,9 @@ def test_no_ray_is_lost_where_curved_solids_touch(name: str, tilt: str) -> None:
     if "lenses" in name:
         text = text.replace("thickness = 2\n", 'thickness = 2\nrim = "bare"\n')
     found = trace(text + sky, 60_000)
-    contacts = found.compilation.arrays.contacts
-    assert contacts is not None
-    assert len(contacts.face) > 0
+    coincident = found.compilation.arrays.coincident
+    assert coincident is not None
+    assert len(coincident.face) > 0
     # Rays that graze a surface at less than the rounding of its place may be lost: counted
     assert found.count(Event.GEOMETRY_ERROR) <= 2
     p = found.portion

@@ -1,9 +1,9 @@
-"""Triangle meshes that touch analytic faces or one another: found, and warned about.
+"""Triangles of meshes that lie on analytic faces or on one another: found, and warned about.
 
 Where two faces coincide light must meet one interface. That is so for analytic faces
-(`tracer.scene.arrangement.contacts`); the triangles of a mesh are found one by one, so where they
-lie on something else light meets two faces in the order that rounding gives, or a film of what is
-outside between them. The remedy is the user's.
+(`tracer.scene.arrangement.coincident_faces`); the triangles of a mesh are found one by one, so
+where they lie on something else light meets two faces in the order that rounding gives, or a film
+of what is outside between them. The remedy is the user's.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from tracer.geometry.shapes import (
     SphereCap,
 )
 
-__all__ = ["TouchingFaces", "find_touching", "warn_of_touching"]
+__all__ = ["CoincidentTriangles", "find_coincident_triangles", "warn_of_coincident_triangles"]
 
 Array = NDArray[np.float64]
 Triangles = Array
@@ -46,11 +46,11 @@ _DEPTH = 0.12
 _PAIRS, _BATCH = 1 << 20, 1 << 16
 
 
-class TouchingFaces(UserWarning):
+class CoincidentTriangles(UserWarning):
     """Triangles that lie on other faces: what light meets there is left to rounding."""
 
 
-def warn_of_touching(
+def warn_of_coincident_triangles(
     meshes: Mapping[str, TriangleMesh],
     faces: ShapeColumns,
     bodies: Sequence[str],
@@ -58,7 +58,7 @@ def warn_of_touching(
     size: float,
     place: str,
 ) -> None:
-    """Warn of every pair of bodies that touch, with the number of triangles.
+    """Warn of every pair of bodies that coincide somewhere, with the number of triangles.
 
     Parameters
     ----------
@@ -69,19 +69,19 @@ def warn_of_touching(
     size : radius of the scene
     place : names the scene
     """
-    for mesh, other, count in find_touching(meshes, faces, bodies, solids, size):
+    for mesh, other, count in find_coincident_triangles(meshes, faces, bodies, solids, size):
         many = "1 triangle" if count == 1 else f"{count} triangles"
         warnings.warn(
-            f"{place}: bodies {mesh!r} and {other!r} touch along {many} of {mesh!r}: light meets "
-            "both faces in the order of rounding, or a film of what is outside between them; let "
+            f"{place}: bodies {mesh!r} and {other!r} coincide along {many} of {mesh!r}: light "
+            "meets both faces in the order of rounding, or a film of what is outside between them; let "  # noqa: E501 FIX
             "them overlap by a micrometre (at a curved face by more than the triangles stand off "
             "it), and give one of them a higher priority",
-            TouchingFaces,
+            CoincidentTriangles,
             stacklevel=4,
         )
 
 
-def find_touching(
+def find_coincident_triangles(
     meshes: Mapping[str, TriangleMesh],
     faces: ShapeColumns,
     bodies: Sequence[str],

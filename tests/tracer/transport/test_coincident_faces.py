@@ -109,7 +109,7 @@ medium = "high"
 }
 
 
-# The same contacts in planes of no axis: every place and angle is rounded. What needs prisms
+# The same faces in planes of no axis: every place and angle is rounded. What needs prisms
 # compiles for a minute
 CASES = [
     pytest.param(name, tilt, marks=[pytest.mark.slow] if "prism" in name else [])

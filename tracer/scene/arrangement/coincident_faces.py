@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tracer.compiled import Contacts
+from tracer.compiled import CoincidentFaces
 from tracer.geometry.kinds import (
     ANNULUS,
     ASPHERE,
@@ -27,7 +27,7 @@ from tracer.geometry.shape_columns import ShapeColumns
 from tracer.scene.arrangement.open_surfaces import open_surfaces_overlap
 from tracer.scene.box_pairs import meeting_boxes
 
-__all__ = ["find_contacts"]
+__all__ = ["find_coincident_faces"]
 
 Row = NDArray[np.float64]
 Array = NDArray[np.float64]
@@ -42,9 +42,9 @@ _TILT = 2e-6
 """More than the sine of an angle whose cosine is 1 within `_PARALLEL`."""
 
 
-def find_contacts(
+def find_coincident_faces(
     shapes: ShapeColumns, objects: Sequence[int], solids: Sequence[bool], size: float
-) -> Contacts | None:
+) -> CoincidentFaces | None:
     """Pairs of faces on one surface, of different objects; None if none.
 
     Parameters
@@ -69,7 +69,7 @@ def find_contacts(
     face, partner = np.concatenate([one, other]), np.concatenate([other, one])
     order = np.lexsort((partner, face))
     counts = np.bincount(face, minlength=len(shapes))
-    return Contacts(
+    return CoincidentFaces(
         first=np.concatenate(([0], np.cumsum(counts))).astype(np.int64),
         face=partner[order].astype(np.int64),
     )
