@@ -127,7 +127,7 @@ def keyboard(folder: Path) -> None:
             ("the tape on an edge", 'hit("guide", diffuse_reflection)'),
             ("the foil below", 'hit("foil", reflected)'),
             ("another key first", 'hit("key_*", reflected)'),
-            ("B3 up from B3 at its first meeting", 'count(hit("key_*")) == 1'),
+            ("B3 up from B3 at its first hit", 'count(hit("key_*")) == 1'),
         ):
             say(f"B3 by {label}", flux(found, f"{center} & {criterion}"), whole)
         camera = seen(

@@ -152,11 +152,11 @@ def make_portion(
     points = [point for _, ray in rays for point in ray]
     n = len(points)
     descriptor_count = np.array([len(point[5]) for point in points], np.uint16)
-    meetings = [meeting for point in points for meeting in point[5]]
-    k = len(meetings)
+    crossings = [crossing for point in points for crossing in point[5]]
+    k = len(crossings)
     position = _positions(directory, points, strange, rng)
     cells = np.array([d.cells for d in directory.detectors], np.int64).reshape(-1, 2)
-    detector = np.array([meeting[0] for meeting in meetings], np.int16)
+    detector = np.array([crossing[0] for crossing in crossings], np.int16)
     channels = channel_set.n_channels
     table = _colors(rng, channels)
     codes = rng.integers(0, channels + len(table), n).astype(np.int32)
@@ -187,7 +187,7 @@ def make_portion(
             cell=(rng.random((k, 2)) * cells[detector]).astype(np.uint16).reshape(k, 2),
             cosine=rng.integers(-32768, 32768, k).astype(np.int16),
             uv=rng.integers(0, 65536, (k, 2)).astype(np.uint16),
-            registered=np.array([meeting[1] for meeting in meetings], np.bool_),
+            registered=np.array([crossing[1] for crossing in crossings], np.bool_),
         ),
         first_ray=int(rng.integers(0, 1000)),
         ray_ids=1000 + np.cumsum(rng.integers(1, 5, n_rays)) if with_ids else None,
@@ -199,7 +199,7 @@ def make_portion(
 
 
 def _itinerary(directory, rng):
-    """(source, points); a point is (object, triangle, face, event, medium, meetings)."""
+    """(source, points); a point is (object, triangle, face, event, medium, crossings)."""
     n = int(rng.integers(1, 7))
     points = []
     for step in range(n):
@@ -214,13 +214,13 @@ def _itinerary(directory, rng):
         if step == n - 1:
             event |= int(rng.choice(_ENDING_BITS))
         medium = int(rng.integers(-1, len(directory.media)))
-        meetings = []
+        crossings = []
         if step < n - 1 and directory.detectors:
-            meetings = [
+            crossings = [
                 (int(rng.integers(0, len(directory.detectors))), bool(rng.integers(0, 2)))
                 for _ in range(rng.integers(0, 3))
             ]
-        points.append((item, triangle, None, event, medium, meetings))
+        points.append((item, triangle, None, event, medium, crossings))
     return int(rng.integers(0, len(directory.sources))), points
 
 

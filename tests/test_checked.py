@@ -4,7 +4,7 @@ The forms are `CheckedPaths` (every length and index of a dictionary checked aga
 directory), `PathDictionary` (the same with sums), `PathRuns` (rays, and the points of their paths),
 `ShapedRecords` (of these, what positions and normals are rebuilt from), `RayContext` (rays whose
 paths were compared with the portion's own), `PathColumns`, `Runs` and `RayRecords` (of these),
-`ColorCodes`, `CheckedMeetings` and `FoldedMeetings`.
+`ColorCodes`, `CheckedCrossings` and `FoldedCrossings`.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ _MADE_IN = {
     "RayContext": {"query/engine/search.py": ["context"]},
     "PathColumns": {"query/engine/context.py": ["columns"]},
     "ColorCodes": {"raymap/encoding/colors.py": ["check"]},
-    "CheckedMeetings": {"raymap/encoding/meetings.py": ["check"]},
-    "FoldedMeetings": {"raymap/encoding/meetings.py": ["check"]},
+    "CheckedCrossings": {"raymap/encoding/detector_crossings.py": ["check"]},
+    "FoldedCrossings": {"raymap/encoding/detector_crossings.py": ["check"]},
     "PathRuns": {"raymap/encoding/itineraries.py": ["check"]},
     "ShapedRecords": {"raymap/encoding/shapes.py": ["check"]},
     "Runs": {"query/engine/scans.py": ["check"]},

@@ -16,8 +16,8 @@ import pytest
 from query.engine.measures import RayRecords, incidence_angles
 from query.engine.scans import Runs, look_up, match_sequence
 from raymap.encoding.colors import ColorCodes
+from raymap.encoding.detector_crossings import CheckedCrossings, DetectorTable, FoldedCrossings
 from raymap.encoding.itineraries import PathRuns
-from raymap.encoding.meetings import CheckedMeetings, DetectorTable, FoldedMeetings
 from raymap.encoding.normals import rebuild_normals, rebuild_some_normals
 from raymap.encoding.positions import rebuild_positions
 from raymap.encoding.shapes import ShapedRecords, compile_shapes, point_shapes
@@ -31,8 +31,8 @@ _DECORATORS = {"kernel", "lean_kernel", "stage_kernel", "inner_kernel", "inline_
 
 _FORMS = {
     "ColorCodes": "codes and paths compared with the table and the sums before each pass",
-    "CheckedMeetings": "detectors and cells compared with the directory before each pass",
-    "FoldedMeetings": "counts, detectors, positions and residuals compared before they unfold",
+    "CheckedCrossings": "detectors and cells compared with the directory before each pass",
+    "FoldedCrossings": "counts, detectors, positions and residuals compared before they unfold",
     "PathRuns": "numbers and lengths of paths compared with the rows of all rays",
     "ShapedRecords": "shapes and primitives compared with the scene; further columns when called",
     "PathColumns": "of checked dictionaries or compared rays, lengths compared by Context.columns",
@@ -122,11 +122,11 @@ _KERNELS = {
     "colors._colors_of_codes": ("ColorCodes", {"colors.colors"}),
     "colors._sum_colors": ("ColorCodes", {"colors.summed"}),
     "colors._sum_weighted_colors": ("ColorCodes", {"colors.summed"}),
-    # Meetings and cells
-    "cellsums._count": ("CheckedMeetings", {"cellsums.add"}),
-    "meetings._cells_fit": ("CheckedMeetings", {"meetings.check"}),
-    "meetings._crossing": ("called", {"meetings._decode_meetings"}),
-    "meetings._decode_meetings": ("FoldedMeetings", {"meetings.unfold"}),
+    # Crossings and cells
+    "cellsums._count": ("CheckedCrossings", {"cellsums.add"}),
+    "detector_crossings._cells_fit": ("CheckedCrossings", {"detector_crossings.check"}),
+    "detector_crossings._crossing": ("called", {"detector_crossings._decode_crossings"}),
+    "detector_crossings._decode_crossings": ("FoldedCrossings", {"detector_crossings.unfold"}),
     # Rays and their paths
     "itineraries.assign_faces": ("itself", {"arrow.faces_of"}),
     "itineraries._expand_points": ("PathRuns", {"itineraries.expand"}),
@@ -318,11 +318,11 @@ def test_sums_of_colours_ask_where_they_go():
     ("detector", "cell"),
     [([1], [[0, 0]]), ([-1], [[0, 0]]), ([0], [[4, 0]]), ([0], [[0, 3]]), ([0, 0], [[0, 0]])],
 )
-def test_meetings_that_their_detectors_do_not_have(detector, cell):
+def test_crossings_that_their_detectors_do_not_have(detector, cell):
     table = DetectorTable(np.zeros((1, 11)), np.zeros(1, np.uint8), np.array([[4, 3]]))
-    CheckedMeetings.check(np.zeros(1, np.int16), np.array([[3, 2]], np.uint16), table)
+    CheckedCrossings.check(np.zeros(1, np.int16), np.array([[3, 2]], np.uint16), table)
     with pytest.raises(FormatError):
-        CheckedMeetings.check(np.array(detector, np.int16), np.array(cell, np.uint16), table)
+        CheckedCrossings.check(np.array(detector, np.int16), np.array(cell, np.uint16), table)
 
 
 MARKS = np.ones(5, np.bool_)
@@ -486,10 +486,10 @@ def test_normals_and_positions_of_other_records():
     [([1, 1], [0, 1], 2, 2), ([1, 1], [0, -1], 2, 2), ([1, 2], [0, 0], 2, 2),
      ([1, 1], [0, 0], 3, 2), ([1, 1], [0, 0], 2, 1)],
 )  # fmt: skip
-def test_folded_meetings_that_there_are_not(counts, detector, records, residuals):
+def test_folded_crossings_that_there_are_not(counts, detector, records, residuals):
     table = DetectorTable(np.ones((1, 11)), np.ones(1, np.uint8), np.array([[4, 3]]))
     with pytest.raises(FormatError):
-        FoldedMeetings.check(
+        FoldedCrossings.check(
             np.array(counts, np.uint16),
             np.array(detector, np.int16),
             np.zeros((records, 3), np.float32),

@@ -100,7 +100,7 @@ def test_the_process_that_helps_to_compile_takes_nothing_from_the_current_folder
         "import os; os.cpu_count = lambda: 2\n"
         "import numpy as np\n"
         "from raymap.bytes import planes\nfrom raymap.jit import compiling\n"
-        "from raymap.encoding.meetings import _cells_fit\n"
+        "from raymap.encoding.detector_crossings import _cells_fit\n"
         "one = compiling.task(_cells_fit, np.zeros(1, 'i2'), np.zeros((1, 2), 'u2'),"
         " np.zeros((1, 2), 'i8'))\n"
         "two = compiling.task(planes._split2, np.zeros(1, 'u2'), np.zeros((2, 1), 'u1'))\n"

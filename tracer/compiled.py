@@ -16,7 +16,7 @@ from raymap.jit.types import F64, I32, I64
 
 # Columns of face_i: kind and shape (`tracer.geometry.kinds`), what a record says of the face, its
 # surface, the bodies behind and before its outward normal (-1 none), the blocking detector that
-# registers on it (-1 none), event bits of every meeting, coordinate axis nearest to its normal
+# registers on it (-1 none), event bits of every hit, coordinate axis nearest to its normal
 F_KIND, F_OBJECT, F_TRIANGLE, F_SURFACE, F_INSIDE, F_OUTSIDE, F_DETECTOR, F_EVENT, F_AXIS = range(9)
 
 # Columns of surface_i; surface_f holds a parameter row, then reflectance and transmittance (C

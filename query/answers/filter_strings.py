@@ -8,7 +8,7 @@ an object are numbered from 1 in their order; face 0 is every face after the sec
 ``Rn`` ``Tn``           reflected from, transmitted by object n
 ``Sn`` ``Fn``           scattered by object n
 ``Gn``                  specular reflection at object n (a ghost, at refracting surfaces)
-``Bn``                  scattered in a volume after meeting object n as the last surface
+``Bn``                  scattered in a volume after hitting object n as the last surface
 ``On``                  emitted by source n
 ``Wn``                  wavelength of channel n
 ``X_HITFACE(n,f)``      hit face f of object n

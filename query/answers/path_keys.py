@@ -112,9 +112,9 @@ def _keys(
                 if first[path] < 0:
                     first[path] = owner
                 last[path] = owner
-            for meeting in range(paths.meeting_offsets[row], paths.meeting_offsets[row + 1]):
-                if paths.registered[meeting]:
-                    word = (np.uint64(1) << np.uint64(63)) | np.uint64(paths.detector[meeting])
+            for crossing in range(paths.crossing_offsets[row], paths.crossing_offsets[row + 1]):
+                if paths.registered[crossing]:
+                    word = (np.uint64(1) << np.uint64(63)) | np.uint64(paths.detector[crossing])
                     a = _mix(a, word)
                     b = _mix(b, word ^ salt)
         low[path] = a

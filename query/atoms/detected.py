@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from query.engine.bind import Binder
-from query.engine.bound import BoundMeeting, BoundNode
+from query.engine.bound import BoundCrossing, BoundNode
 from query.engine.context import Context
 from query.engine.kleene import Bools, Pair, exactly
 from query.engine.regions import BoundRegion, bind_region
@@ -47,7 +47,7 @@ class Detected(Condition):
         object.__setattr__(self, "names", canonical_names(self.names, self.word))
 
     @property
-    def is_meeting(self) -> bool:
+    def is_crossing(self) -> bool:
         return True
 
     def bind(self, binder: Binder, text: str) -> BoundNode:
@@ -64,7 +64,7 @@ class Detected(Condition):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class BoundDetected(BoundMeeting):
+class BoundDetected(BoundCrossing):
     """``table`` : (n_detectors + 1,) bool; ``regions`` per detector index, empty: anywhere."""
 
     table: Bools
@@ -74,7 +74,7 @@ class BoundDetected(BoundMeeting):
     def own_streams(self) -> tuple[str, ...]:
         return ("descriptors",) if self.regions else ()
 
-    def on_meetings(self, context: Context) -> Pair:
+    def on_crossings(self, context: Context) -> Pair:
         met = look_up(self.table, context.detector)
         if self.registered:
             met &= context.registered

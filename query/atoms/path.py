@@ -65,7 +65,7 @@ class BoundPath(BoundNode):
         machine = self.machine
         triangle = context.triangle if machine.needs_triangles else None
         columns = context.columns(
-            face=machine.needs_faces, event=machine.needs_events, meetings=machine.needs_detectors
+            face=machine.needs_faces, event=machine.needs_events, crossings=machine.needs_detectors
         )
         known = np.empty(0, np.int32) if triangle is None else triangle
 

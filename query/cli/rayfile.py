@@ -27,9 +27,11 @@ def rayfile(
     leaving: Annotated[
         bool, typer.Option("--leaving", help="Rays as they leave the place, not as they arrive.")
     ] = False,
-    meetings: Annotated[
+    crossings: Annotated[
         Literal["all", "first", "last"],
-        typer.Option(help="Which meetings of a ray with the place count."),
+        typer.Option(
+            "--crossings", "--meetings", help="Which crossings of the place by a ray count."
+        ),
     ] = "all",
     before: Annotated[
         float,
@@ -62,7 +64,7 @@ def rayfile(
             force=force,
             color=color,
             leaving=leaving,
-            meetings=meetings,
+            crossings=crossings,
             before=before,
         )
         if json:

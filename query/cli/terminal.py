@@ -215,7 +215,7 @@ def print_report(ray: dict[str, Any]) -> None:
         if with_state:
             cells.append(Text(_state(point)))
         if len(view.columns) > len(cells):
-            cells.append(Text(_meetings(point)))
+            cells.append(Text(_crossings(point)))
         view.add_row(*cells)
     console.print(view)
 
@@ -272,7 +272,7 @@ def _state(point: dict[str, Any]) -> str:
     return "\n".join(words)
 
 
-def _meetings(point: dict[str, Any]) -> str:
+def _crossings(point: dict[str, Any]) -> str:
     return ", ".join(
         f"{met['detector']} ({met['cell'][0]}, {met['cell'][1]})"
         + ("" if met["registered"] else " not registered")

@@ -3,7 +3,7 @@
 A bound node answers for every ray of a context, as a Kleene pair: on path dictionaries columns
 beyond the path are unknown, on rays with their streams the pair is exact. It says which streams it
 needs beyond the path (`streams`); an empty set means that the path alone decides it. Point
-conditions also answer for every point, meetings with detectors for every meeting.
+conditions also answer for every point, crossings of detectors for every crossing.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from raymap.model.unfinished import Unfinished
 
 __all__ = [
     "BoundCompare",
-    "BoundMeeting",
+    "BoundCrossing",
     "BoundNode",
     "BoundPoint",
     "BoundValue",
@@ -84,15 +84,15 @@ class BoundPoint(BoundNode):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class BoundMeeting(BoundNode):
-    """Speaks of meetings of segments with detectors; of a ray it asks for some meeting."""
+class BoundCrossing(BoundNode):
+    """Speaks of crossings of segments and detectors; of a ray it asks for some crossing."""
 
-    def on_meetings(self, context: Context) -> Pair:
-        """Truth for every meeting."""
-        raise Unfinished(self, "on_meetings")
+    def on_crossings(self, context: Context) -> Pair:
+        """Truth for every crossing."""
+        raise Unfinished(self, "on_crossings")
 
     def on_rays(self, context: Context) -> Pair:
-        return apply(self.on_meetings(context), context.meetings.any)
+        return apply(self.on_crossings(context), context.crossings.any)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

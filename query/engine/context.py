@@ -74,8 +74,8 @@ class PathColumns(NamedTuple):
     source : (n_rays,)
     offsets : (n_rays + 1,) points of ray r are rows offsets[r]:offsets[r + 1]
     object, face, event : (n_points,)
-    meeting_offsets : (n_points + 1,) meetings of the segment that starts at each point
-    detector, registered : (n_meetings,)
+    crossing_offsets : (n_points + 1,) crossings of the segment that starts at each point
+    detector, registered : (n_crossings,)
     """
 
     source: Ints
@@ -83,7 +83,7 @@ class PathColumns(NamedTuple):
     object: Ints
     face: Ints
     event: Ints
-    meeting_offsets: Ints
+    crossing_offsets: Ints
     detector: Ints
     registered: Bools
 
@@ -120,7 +120,7 @@ class Context(ABC):
     def medium(self) -> Ints: ...
     @property
     @abstractmethod
-    def meeting_offsets(self) -> Ints: ...
+    def crossing_offsets(self) -> Ints: ...
     @property
     @abstractmethod
     def detector(self) -> Ints: ...
@@ -129,7 +129,7 @@ class Context(ABC):
     def registered(self) -> Bools: ...
 
     def columns(
-        self, *, face: bool = True, event: bool = True, meetings: bool = True
+        self, *, face: bool = True, event: bool = True, crossings: bool = True
     ) -> PathColumns:
         """The path's own columns, without those that are not wanted.
 
@@ -138,14 +138,14 @@ class Context(ABC):
         FormatError
             Columns are not as long as the rays.
         """
-        n, found = self.n_points, self.meetings_of_points if meetings else None
+        n, found = self.n_points, self.crossings_of_points if crossings else None
         columns = PathColumns(
             source=self.source,
             offsets=self.points.offsets,
             object=self.object,
             face=self.face if face else np.empty(0, np.int32),
             event=self.event if event else np.empty(0, np.int32),
-            meeting_offsets=np.empty(0, np.int64) if found is None else found.offsets,
+            crossing_offsets=np.empty(0, np.int64) if found is None else found.offsets,
             detector=np.empty(0, np.int16) if found is None else self.detector,
             registered=np.empty(0, np.bool_) if found is None else self.registered,
         )
@@ -157,7 +157,7 @@ class Context(ABC):
         ]
         if found is not None:
             lengths += [(columns.detector, found.n_rows), (columns.registered, found.n_rows)]
-            lengths.append((columns.meeting_offsets, n + 1))
+            lengths.append((columns.crossing_offsets, n + 1))
         if any(len(column) != wanted for column, wanted in lengths):
             raise FormatError("columns of paths are not as long as the paths")
         return columns
@@ -170,14 +170,14 @@ class Context(ABC):
         return Runs.check(self.offsets)
 
     @cached_property
-    def meetings(self) -> Runs:
-        """Meetings of each ray."""
-        return Runs.check(self.ray_meeting_offsets)
+    def crossings(self) -> Runs:
+        """Crossings of each ray."""
+        return Runs.check(self.ray_crossing_offsets)
 
     @cached_property
-    def meetings_of_points(self) -> Runs:
-        """Meetings of the segment that starts at each point."""
-        return Runs.check(self.meeting_offsets)
+    def crossings_of_points(self) -> Runs:
+        """Crossings of the segment that starts at each point."""
+        return Runs.check(self.crossing_offsets)
 
     @property
     def n_points(self) -> int:
@@ -200,9 +200,9 @@ class Context(ABC):
         return left
 
     @cached_property
-    def ray_meeting_offsets(self) -> Ints:
-        """(n_rays + 1,) meetings of each ray."""
-        return self.meeting_offsets[self.offsets]
+    def ray_crossing_offsets(self) -> Ints:
+        """(n_rays + 1,) crossings of each ray."""
+        return self.crossing_offsets[self.offsets]
 
     # Streams beyond the path: unknown unless a subclass reads them.
 
@@ -248,7 +248,7 @@ class PathContext(Context):
         return self.paths.medium
 
     @property
-    def meeting_offsets(self) -> Ints:
+    def crossing_offsets(self) -> Ints:
         return self.paths.detector_offsets
 
     @property
@@ -260,9 +260,9 @@ class PathContext(Context):
         return self.paths.registered
 
     @cached_property
-    def meetings_of_path(self) -> Ints:
-        """(n_paths,) number of meetings."""
-        return np.diff(self.ray_meeting_offsets)
+    def crossings_of_path(self) -> Ints:
+        """(n_paths,) number of crossings."""
+        return np.diff(self.ray_crossing_offsets)
 
 
 class RayContext(Context):
@@ -351,33 +351,33 @@ class RayContext(Context):
         return self.base.medium[self.rows]
 
     @cached_property
-    def ray_meeting_offsets(self) -> Ints:
-        return offsets_of(self.base.meetings_of_path[self.path])
+    def ray_crossing_offsets(self) -> Ints:
+        return offsets_of(self.base.crossings_of_path[self.path])
 
     @cached_property
-    def meeting_offsets(self) -> Ints:
-        return offsets_of(np.diff(self.base.meeting_offsets)[self.rows])
+    def crossing_offsets(self) -> Ints:
+        return offsets_of(np.diff(self.base.crossing_offsets)[self.rows])
 
     @cached_property
-    def _base_meetings(self) -> Ints:
-        starts = self.base.ray_meeting_offsets[:-1][self.path]
-        return self.meetings.rows(starts)
+    def _base_crossings(self) -> Ints:
+        starts = self.base.ray_crossing_offsets[:-1][self.path]
+        return self.crossings.rows(starts)
 
     @cached_property
     def detector(self) -> Ints:
-        return self.base.detector[self._base_meetings]
+        return self.base.detector[self._base_crossings]
 
     @cached_property
     def registered(self) -> Bools:
-        return self.base.registered[self._base_meetings]
+        return self.base.registered[self._base_crossings]
 
     @cached_property
     def descriptor_rows(self) -> Ints | None:
-        """(n_meetings,) rows among the portion's descriptors; None for all of them."""
+        """(n_crossings,) rows among the portion's descriptors; None for all of them."""
         if self.rays is None:
             return None
-        begins = offsets_of(self.base.meetings_of_path[self.all_paths])[:-1]
-        return self.meetings.rows(begins[self.rays])
+        begins = offsets_of(self.base.crossings_of_path[self.all_paths])[:-1]
+        return self.crossings.rows(begins[self.rays])
 
     @cached_property
     def triangle(self) -> Ints:

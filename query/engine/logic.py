@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from query.engine.bound import BoundMeeting, BoundNode, BoundPoint, at_points, evaluate
+from query.engine.bound import BoundCrossing, BoundNode, BoundPoint, at_points, evaluate
 from query.engine.context import Context
 from query.engine.kleene import Bools, Pair, combine, exactly
 from query.engine.scans import match_sequence
@@ -52,16 +52,16 @@ class BoundThen(BoundNode):
         return self.args
 
     def on_rays(self, context: Context) -> Pair:
-        is_detector = [isinstance(arg, BoundMeeting) for arg in self.args]
+        is_detector = [isinstance(arg, BoundCrossing) for arg in self.args]
         pairs = [
-            arg.on_meetings(context) if isinstance(arg, BoundMeeting) else at_points(context, arg)
+            arg.on_crossings(context) if isinstance(arg, BoundCrossing) else at_points(context, arg)
             for arg in self.args
         ]
-        meetings = context.meetings_of_points if any(is_detector) else None
+        crossings = context.crossings_of_points if any(is_detector) else None
 
         def run(masks: list[Bools]) -> Bools:
             return match_sequence(
-                context.points, meetings, list(zip(is_detector, masks, strict=True))
+                context.points, crossings, list(zip(is_detector, masks, strict=True))
             )
 
         certain = run([pair.certain for pair in pairs])

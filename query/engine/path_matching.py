@@ -103,8 +103,8 @@ def _register_each(
     reach: NDArray[np.uint64],
 ) -> None:
     """Exact expressions: every registration of a segment is one element, in their order."""
-    for meeting in range(paths.meeting_offsets[row], paths.meeting_offsets[row + 1]):
-        if not paths.registered[meeting]:
+    for crossing in range(paths.crossing_offsets[row], paths.crossing_offsets[row + 1]):
+        if not paths.registered[crossing]:
             continue
         _step(states, machine.follow, reach)
         for word in range(len(states)):
@@ -113,7 +113,7 @@ def _register_each(
             bit = _ONE << np.uint64(q % 64)
             if machine.kind[q] != DETECTOR or not reach[q // 64] & bit:
                 continue
-            if machine.detectors[q, paths.detector[meeting]]:
+            if machine.detectors[q, paths.detector[crossing]]:
                 states[q // 64] |= bit
 
 
@@ -126,7 +126,7 @@ def _register_any(
     reach: NDArray[np.uint64],
 ) -> None:
     """Loose expressions: add elements that some registration of a segment satisfies."""
-    first, end = paths.meeting_offsets[row], paths.meeting_offsets[row + 1]
+    first, end = paths.crossing_offsets[row], paths.crossing_offsets[row + 1]
     changed = first < end
     while changed:
         changed = False
@@ -135,8 +135,8 @@ def _register_any(
             bit = _ONE << np.uint64(q % 64)
             if machine.kind[q] != DETECTOR or not reach[q // 64] & bit or states[q // 64] & bit:
                 continue
-            for meeting in range(first, end):
-                if paths.registered[meeting] and machine.detectors[q, paths.detector[meeting]]:
+            for crossing in range(first, end):
+                if paths.registered[crossing] and machine.detectors[q, paths.detector[crossing]]:
                     states[q // 64] |= bit
                     changed = True
                     break

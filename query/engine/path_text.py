@@ -54,11 +54,11 @@ def path_text(base: PathContext, row: int, names: PathNames, by: str) -> str:
         else:
             place = names.objects[owner]
         words.append((place + names.happened(int(base.event[point]))) or ":")
-        first, last = int(base.meeting_offsets[point]), int(base.meeting_offsets[point + 1])
+        first, last = int(base.crossing_offsets[point]), int(base.crossing_offsets[point + 1])
         words.extend(
-            "@" + names.detectors[int(base.detector[meeting])]
-            for meeting in range(first, last)
-            if base.registered[meeting]
+            "@" + names.detectors[int(base.detector[crossing])]
+            for crossing in range(first, last)
+            if base.registered[crossing]
         )
     return " ".join(words)
 

@@ -1,4 +1,4 @@
-"""Regions of detectors in cells, and whether a meeting lies inside."""
+"""Regions of detectors in cells, and whether a crossing lies inside."""
 
 from __future__ import annotations
 

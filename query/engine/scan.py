@@ -171,7 +171,7 @@ class Scan:
         pairs = [evaluate(base, node) for node in self.nodes]
         # Columns that every worker needs are made once, here.
         if self.want_rays or not all(pair.exact for pair in pairs):
-            _ = base.lengths, base.left, base.meetings_of_path
+            _ = base.lengths, base.left, base.crossings_of_path
         return PathVerdicts(self.nodes, base, pairs)
 
     @cached_property

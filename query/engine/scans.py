@@ -1,6 +1,6 @@
 """Compiled scans over rays and their points: a handful of loops that serve every criterion.
 
-Rays are runs of points, points runs of meetings (`Runs`). Nothing is compiled per criterion; names
+Rays are runs of points, points runs of crossings (`Runs`). Nothing is compiled per criterion; names
 come as tables over indices whose last entry answers for index -1.
 """
 
@@ -185,15 +185,15 @@ def number_rays(bits: NDArray[np.uint8], first: int, out: NDArray[np.int64]) -> 
 
 
 def match_sequence(
-    points: Runs, meetings: Runs | None, operands: Sequence[tuple[bool, Bools]]
+    points: Runs, crossings: Runs | None, operands: Sequence[tuple[bool, Bools]]
 ) -> Bools:
     """Whether the operands of ``->`` follow one another; the earliest match of each is enough.
 
     Parameters
     ----------
     points : of the rays
-    meetings : on the segment that starts at each point; None where no operand stands on segments
-    operands : whether each stands on segments, and its marks of points or meetings
+    crossings : on the segment that starts at each point; None where no operand stands on segments
+    operands : whether each stands on segments, and its marks of points or crossings
 
     Returns
     -------
@@ -202,12 +202,12 @@ def match_sequence(
     Raises
     ------
     FormatError
-        Marks are not as many as points or meetings.
+        Marks are not as many as points or crossings.
     """
-    if meetings is not None and len(meetings) != points.n_rows:
-        raise FormatError(f"meetings of {len(meetings)} points, not of {points.n_rows}")
+    if crossings is not None and len(crossings) != points.n_rows:
+        raise FormatError(f"crossings of {len(crossings)} points, not of {points.n_rows}")
     for on_segments, mask in operands:
-        (meetings if on_segments and meetings is not None else points)._marks(mask)
+        (crossings if on_segments and crossings is not None else points)._marks(mask)
     masks = [mask for _, mask in operands]
     begins = np.concatenate(([0], np.cumsum([len(mask) for mask in masks])))[:-1]
     return _match_sequence(
@@ -215,7 +215,7 @@ def match_sequence(
         np.array([on_segments for on_segments, _ in operands]),
         np.concatenate(masks),
         begins,
-        np.empty(0, np.int64) if meetings is None else meetings.offsets,
+        np.empty(0, np.int64) if crossings is None else crossings.offsets,
     )
 
 
@@ -225,7 +225,7 @@ def _match_sequence(
     is_detector: Bools,
     masks: Bools,
     point_rows: Ints,
-    meeting_offsets: Ints,
+    crossing_offsets: Ints,
 ) -> Bools:
     """As `match_sequence`.
 
@@ -245,13 +245,13 @@ def _match_sequence(
             # One point serves one operand.
             if not is_detector[wanted] and masks[point_rows[wanted] + row]:
                 wanted += 1
-            # Meetings of the segment that starts here, in order.
+            # Crossings of the segment that starts here, in order.
             if wanted < n_operands and is_detector[wanted]:
-                for meeting in range(meeting_offsets[row], meeting_offsets[row + 1]):
+                for crossing in range(crossing_offsets[row], crossing_offsets[row + 1]):
                     if (
                         wanted < n_operands
                         and is_detector[wanted]
-                        and masks[point_rows[wanted] + meeting]
+                        and masks[point_rows[wanted] + crossing]
                     ):
                         wanted += 1
             row += 1

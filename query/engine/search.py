@@ -72,7 +72,7 @@ class PortionPaths:
         FalseFooter
             the merged paths are not those of the portion (`query.engine.second_try`).
         DamagedPortion
-            the paths do not account for the portion's records and meetings.
+            the paths do not account for the portion's records and crossings.
         """
         self.portion.check_rows(self.numbers)
         if self.local is None:

@@ -34,8 +34,8 @@ class Criterion:
         return False
 
     @property
-    def is_meeting(self) -> bool:
-        """Whether it speaks of meetings with detectors, which stand between two points."""
+    def is_crossing(self) -> bool:
+        """Whether it speaks of crossings of detectors, which stand between two points."""
         return False
 
     @property
@@ -187,7 +187,7 @@ class Then(_Nary):
     def __post_init__(self) -> None:
         super().__post_init__()
         for arg in self.args:
-            if not arg.is_meeting:
+            if not arg.is_crossing:
                 check_point(arg, "->")
 
     @property

@@ -84,7 +84,7 @@ class Scope(IntEnum):
     DESCRIPTOR = 3
     PATH = 4
     POINT = 5
-    MEETING = 6
+    CROSSING = 6
 
 
 _BY_NAME = (Scope.RAY, Scope.RECORD)

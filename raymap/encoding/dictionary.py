@@ -50,8 +50,8 @@ class Itineraries(NamedTuple):
     ----------
     source : (n,) int16
     offsets : (n + 1,) int64, points of path (or ray) i are rows offsets[i]:offsets[i + 1]
-    object, face, event, medium, meetings : (n_points,)
-    detector, registered : (n_meetings,)
+    object, face, event, medium, crossings : (n_points,)
+    detector, registered : (n_crossings,)
     """
 
     source: NDArray[np.int16]
@@ -60,7 +60,7 @@ class Itineraries(NamedTuple):
     face: NDArray[np.int32]
     event: NDArray[np.int32]
     medium: NDArray[np.int16]
-    meetings: NDArray[np.uint16]
+    crossings: NDArray[np.uint16]
     detector: NDArray[np.int16]
     registered: NDArray[np.bool_]
 
@@ -82,7 +82,7 @@ class Itineraries(NamedTuple):
             face=self.face,
             event=self.event,
             medium=self.medium,
-            detector_offsets=offsets_of(self.meetings),
+            detector_offsets=offsets_of(self.crossings),
             detector=self.detector,
             registered=self.registered,
             rays=rays,
@@ -167,10 +167,10 @@ def find_paths(
         A record names an object or a primitive that the directory does not have.
     """
     n_rays, n_records = portion.n_rays, portion.n_records
-    meetings = portion.descriptors
+    crossings = portion.descriptors
     limit = max(1, int(n_rays * MAX_SHARE))
     paths = PathWords(
-        scratch("words", words_needed(n_rays, n_records, len(meetings.detector)), np.uint64),
+        scratch("words", words_needed(n_rays, n_records, len(crossings.detector)), np.uint64),
         scratch("starts", limit + 2, np.int64),
         scratch("hashes", limit + 1, np.uint64),
         scratch("table", 1 << (2 * limit + 1).bit_length(), np.int32),
@@ -208,7 +208,7 @@ def _number_all(
     part = n_rays // _EARLY
     stops = [n_rays] if part < _FEWEST // _EARLY else [part // 2, part, n_rays]
     found = np.zeros(3, np.int64)
-    n_paths, n_before, n_explicit, start, record, meeting = 0, 0, 0, 0, 0, 0
+    n_paths, n_before, n_explicit, start, record, crossing = 0, 0, 0, 0, 0, 0
     for stop in stops:
         number_rays(
             RayColumns(
@@ -219,8 +219,8 @@ def _number_all(
                 portion.event[record:],
                 portion.medium[record:],
                 portion.descriptor_count[record:],
-                d.detector[meeting:],
-                d.registered.view(np.uint8)[meeting:],
+                d.detector[crossing:],
+                d.registered.view(np.uint8)[crossing:],
             ),
             faces,
             paths,
@@ -242,7 +242,7 @@ def _number_all(
         n_explicit += int(found[1])
         if stop < n_rays:
             ahead = int(portion.records_per_ray[start:stop].sum())
-            meeting += int(portion.descriptor_count[record : record + ahead].sum())
+            crossing += int(portion.descriptor_count[record : record + ahead].sum())
             start, record = stop, record + ahead
     return n_paths, n_explicit
 
@@ -253,7 +253,7 @@ def _unpacked(paths: PathWords, order: NDArray[np.int64]) -> Itineraries:
     lengths = (paths.words[starts] >> np.uint64(16)).astype(np.int64)
     offsets = offsets_of(lengths)
     n, n_points = len(order), int(offsets[-1])
-    n_meetings = int((paths.starts[order + 1] - starts).sum()) - words_needed(n, n_points, 0)
+    n_crossings = int((paths.starts[order + 1] - starts).sum()) - words_needed(n, n_points, 0)
     columns = RayColumns(
         np.empty(n, np.int16),
         np.empty(n, np.int32),
@@ -262,8 +262,8 @@ def _unpacked(paths: PathWords, order: NDArray[np.int64]) -> Itineraries:
         np.empty(n_points, np.int32),
         np.empty(n_points, np.int16),
         np.empty(n_points, np.uint16),
-        np.empty(n_meetings, np.int16),
-        np.empty(n_meetings, np.uint8),
+        np.empty(n_crossings, np.int16),
+        np.empty(n_crossings, np.uint8),
     )
     write_paths(order, paths, offsets, columns)
     return Itineraries(
@@ -273,7 +273,7 @@ def _unpacked(paths: PathWords, order: NDArray[np.int64]) -> Itineraries:
         columns.primitive,
         columns.event,
         columns.medium,
-        columns.meetings,
+        columns.crossings,
         columns.detector,
         columns.registered.view(np.bool_),
     )
@@ -364,7 +364,7 @@ class PathMerger:
         words, starts, hashes, table = self._paths
         n = self.n_paths + paths.n_paths
         needed = int(starts[self.n_paths])
-        needed += words_needed(paths.n_paths, paths.n_points, paths.n_meetings)
+        needed += words_needed(paths.n_paths, paths.n_points, paths.n_crossings)
         if n > len(self._rays):
             size = max(n, 2 * len(self._rays))
             starts, hashes = _grown(starts, size + 1), _grown(hashes, size)

@@ -93,12 +93,12 @@ class PortionEncoder:
             table, explicit = itineraries_of(portion, self._faces, offsets)
             path_numbers = np.arange(portion.n_rays, dtype=np.uint32)
             n_paths, n_points = portion.n_rays, portion.n_records
-            n_meetings = len(table.detector)
+            n_crossings = len(table.detector)
             add_itineraries(streams, table)
         else:
             table, path_numbers, explicit = found.table, found.numbers, found.explicit
             paths = self._with_sums(found, portion, offsets, channel_sets)
-            n_paths, n_points, n_meetings = paths.n_paths, paths.n_points, paths.n_meetings
+            n_paths, n_points, n_crossings = paths.n_paths, paths.n_points, paths.n_crossings
             add_itineraries(streams, table)
             _add_sums(streams, paths, portion)
             small = np.uint16 if n_paths <= 2**16 else np.uint32
@@ -121,7 +121,7 @@ class PortionEncoder:
             n_descriptors=len(portion.descriptors.detector),
             n_paths=n_paths,
             n_points=n_points,
-            n_meetings=n_meetings,
+            n_crossings=n_crossings,
             channel_set=portion.channel_set,
             has_paths=paths is not None,
             has_ids=ids is not None,
@@ -152,7 +152,7 @@ class PortionEncoder:
         return add_geometry(streams, rays, self.shapes, lent), lent
 
     def _add_descriptors(self, streams: StreamSet, portion: Portion) -> int:
-        """Store the meetings beyond what the paths say; the encodings chosen: none."""
+        """Store the crossings beyond what the paths say; the encodings chosen: none."""
         d = portion.descriptors
         if len(d.detector):
             columns = (d.cell[:, 0], d.cell[:, 1], d.cosine, d.uv[:, 0], d.uv[:, 1])
@@ -211,9 +211,9 @@ def add_itineraries(streams: StreamSet, rays: Itineraries) -> None:
     streams.add("path.face", _narrow(rays.face), Scope.POINT)
     streams.add("path.event", rays.event, Scope.POINT)
     streams.add("path.medium", _narrow(rays.medium), Scope.POINT)
-    streams.add("path.meetings", rays.meetings, Scope.POINT)
-    streams.add("path.detector", rays.detector, Scope.MEETING)
-    streams.add("path.registered", rays.registered, Scope.MEETING)
+    streams.add("path.meetings", rays.crossings, Scope.POINT)
+    streams.add("path.detector", rays.detector, Scope.CROSSING)
+    streams.add("path.registered", rays.registered, Scope.CROSSING)
 
 
 def _narrow(numbers: NDArray[Any]) -> NDArray[Any]:

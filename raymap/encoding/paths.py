@@ -22,9 +22,9 @@ class PathDictionary:
     face : (n_points,) int32, face index (row of `Directory.faces`), -1 none
     event : (n_points,) int32
     medium : (n_points,) int16
-    detector_offsets : (n_points + 1,) int64, meetings on the segment that starts at the point
-    detector : (n_meetings,) int16
-    registered : (n_meetings,) bool
+    detector_offsets : (n_points + 1,) int64, crossings on the segment that starts at the point
+    detector : (n_crossings,) int16
+    registered : (n_crossings,) bool
     rays : (n_paths,) int64
     sum_w, sum_w2 : (n_paths,) float64, unnormalised sums of weight and weight²
     sum_wc : per channel set, (n_paths, n_channels) float64, sum of weight x colour at the ray's end
@@ -61,7 +61,7 @@ class PathDictionary:
         return int(self.offsets[-1])
 
     @property
-    def n_meetings(self) -> int:
+    def n_crossings(self) -> int:
         return int(self.detector_offsets[-1])
 
 

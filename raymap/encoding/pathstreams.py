@@ -86,7 +86,7 @@ class CheckedPaths(NamedTuple):
         return int(self.offsets[-1])
 
     @property
-    def n_meetings(self) -> int:
+    def n_crossings(self) -> int:
         return int(self.detector_offsets[-1])
 
 
@@ -113,7 +113,7 @@ def check_amounts(what: str, column: NDArray[Any]) -> NDArray[Any]:
 
 
 def check_itineraries(read: Reader, n_paths: int, bounds: Bounds) -> CheckedPaths:
-    """Offsets, points and meetings of a path dictionary.
+    """Offsets, points and crossings of a path dictionary.
 
     Parameters
     ----------
@@ -140,9 +140,9 @@ def check_itineraries(read: Reader, n_paths: int, bounds: Bounds) -> CheckedPath
         column = read(name, n_points, dtype)
         columns[name] = column if name == "event" else bounds.check(name, column)
     bounds.check_faces(columns["object"], columns["face"])
-    meetings = read("meetings", n_points, np.uint16)
-    columns["detector_offsets"] = offsets_from_counts(meetings, None, "meetings of paths")
-    n_meetings = int(columns["detector_offsets"][-1])
-    columns["detector"] = bounds.check("detector", read("detector", n_meetings, np.int16))
-    columns["registered"] = read("registered", n_meetings, np.bool_)
+    crossings = read("meetings", n_points, np.uint16)
+    columns["detector_offsets"] = offsets_from_counts(crossings, None, "crossings of paths")
+    n_crossings = int(columns["detector_offsets"][-1])
+    columns["detector"] = bounds.check("detector", read("detector", n_crossings, np.int16))
+    columns["registered"] = read("registered", n_crossings, np.bool_)
     return CheckedPaths(**columns)

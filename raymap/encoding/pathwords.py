@@ -3,8 +3,8 @@
 ::
 
     source | records << 16                                                    once
-    object | medium << 16 | face << 32,   event | meetings << 32              per record
-    detector | registered << 16                                               per meeting
+    object | medium << 16 | face << 32,   event | crossings << 32              per record
+    detector | registered << 16                                               per crossing
 
 One pass over the records of a portion packs, hashes and numbers its rays: the words of a ray are
 written behind those of the paths known so far and stay there if they are new.
@@ -49,8 +49,8 @@ class RayColumns(NamedTuple):
     Attributes
     ----------
     source, counts : (n,) and the records of each
-    object, primitive, event, medium, meetings : (n_records,)
-    detector, registered : (n_meetings,)
+    object, primitive, event, medium, crossings : (n_records,)
+    detector, registered : (n_crossings,)
     """
 
     source: NDArray[np.int16]
@@ -59,7 +59,7 @@ class RayColumns(NamedTuple):
     primitive: NDArray[np.int32]
     event: NDArray[np.int32]
     medium: NDArray[np.int16]
-    meetings: NDArray[np.uint16]
+    crossings: NDArray[np.uint16]
     detector: NDArray[np.int16]
     registered: NDArray[np.uint8]
 
@@ -133,9 +133,9 @@ def _starts(counts: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.cumsum(counts) - counts
 
 
-def words_needed(n_rays: int, n_records: int, n_meetings: int) -> int:
+def words_needed(n_rays: int, n_records: int, n_crossings: int) -> int:
     """Words that so many rays have at most."""
-    return n_rays + 2 * n_records + n_meetings
+    return n_rays + 2 * n_records + n_crossings
 
 
 @inner_kernel
@@ -239,7 +239,7 @@ def number_rays(
     mask = np.uint64(table.size - 1)
     given = faces.begin.size == 0
     begin = np.uint64(starts[n_paths])
-    record, meeting, n_explicit = np.uint64(0), np.uint64(0), np.uint64(0)
+    record, crossing, n_explicit = np.uint64(0), np.uint64(0), np.uint64(0)
     found[2] = -1
     for ray in range(rays.source.size):
         # Pack the points behind the paths known so far
@@ -263,27 +263,27 @@ def number_rays(
                     start = faces.first_primitive[np.uint32(face)] if face >= 0 else np.int32(0)
                     explicit[n_explicit] = primitive - start
                     n_explicit += _ONE
-            meetings = rays.meetings[record]
-            met += meetings
+            crossings = rays.crossings[record]
+            met += crossings
             a = (
                 np.uint64(np.uint16(item))
                 | (np.uint64(np.uint16(rays.medium[record])) << _S16)
                 | (np.uint64(np.uint32(face)) << _S32)
             )
-            b = np.uint64(np.uint32(rays.event[record])) | (np.uint64(meetings) << _S32)
+            b = np.uint64(np.uint32(rays.event[record])) | (np.uint64(crossings) << _S32)
             words[end] = a
             words[end + _ONE] = b
             end += _ONE + _ONE
             h = h * _P3 + ((a * _P1) ^ (b * _P2))
             record += _ONE
         for _ in range(met):
-            word = np.uint64(np.uint16(rays.detector[meeting])) | (
-                np.uint64(rays.registered[meeting]) << _S16
+            word = np.uint64(np.uint16(rays.detector[crossing])) | (
+                np.uint64(rays.registered[crossing]) << _S16
             )
             words[end] = word
             end += _ONE
             h = h * _P3 + word * _P1
-            meeting += _ONE
+            crossing += _ONE
         h = (h ^ (h >> _S32)) * _P1
         h = (h ^ (h >> _S29)) * spread
         # Look the words up; the hash only finds candidates
@@ -340,13 +340,13 @@ def write_paths(
     columns : out; the primitives are faces
     """
     words = paths.words
-    meeting = 0
+    crossing = 0
     for k in range(order.size):
         at = np.uint64(paths.starts[order[k]])
         columns.source[k] = np.int16(words[at])
         columns.counts[k] = offsets[k + 1] - offsets[k]
         at += _ONE
-        first = meeting
+        first = crossing
         for i in range(offsets[k], offsets[k + 1]):
             a, b = words[at], words[at + _ONE]
             at += _ONE + _ONE
@@ -354,9 +354,9 @@ def write_paths(
             columns.medium[i] = np.int16(a >> _S16)
             columns.primitive[i] = np.int32(a >> _S32)
             columns.event[i] = np.int32(b)
-            columns.meetings[i] = b >> _S32
-            meeting += np.int64(b >> _S32)  # type: ignore[assignment]
-        for m in range(first, meeting):
+            columns.crossings[i] = b >> _S32
+            crossing += np.int64(b >> _S32)  # type: ignore[assignment]
+        for m in range(first, crossing):
             columns.detector[m] = np.int16(words[at])
             columns.registered[m] = words[at] >> _S16
             at += _ONE

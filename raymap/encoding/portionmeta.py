@@ -62,7 +62,7 @@ class PortionMeta:
     number : place of the portion in the map
     first_ray, last_ray : numbers of its first and last ray; last_ray = first_ray - 1 without rays
     n_rays, n_records, n_descriptors : rows of the columns
-    n_paths, n_points, n_meetings : rows of the path dictionary; those of the columns without one
+    n_paths, n_points, n_crossings : rows of the path dictionary; those of the columns without one
     channel_set : index of the channel set
     has_paths : it has a dictionary and path numbers, not plain columns
     has_ids : ray numbers have gaps and are stored
@@ -79,7 +79,7 @@ class PortionMeta:
     n_descriptors: int
     n_paths: int
     n_points: int
-    n_meetings: int
+    n_crossings: int
     channel_set: int
     has_paths: bool
     has_ids: bool
@@ -104,7 +104,7 @@ class PortionMeta:
             self.n_descriptors,
             self.n_paths,
             self.n_points,
-            self.n_meetings,
+            self.n_crossings,
             self.channel_set,
             self.flags,
             len(self.emitted),
@@ -135,7 +135,7 @@ class PortionMeta:
             n_descriptors=fields[5],
             n_paths=fields[6],
             n_points=fields[7],
-            n_meetings=fields[8],
+            n_crossings=fields[8],
             channel_set=fields[9],
             **PortionMeta.marks(flags),
             emitted=np.frombuffer(data, "<i8", n_sources, _FIXED.size).astype(np.int64),
@@ -199,10 +199,10 @@ class PortionMeta:
                 sound
                 and 1 <= self.n_paths <= n_rays
                 and self.n_paths <= self.n_points <= n_records
-                and self.n_meetings <= self.n_descriptors
+                and self.n_crossings <= self.n_descriptors
             )
         else:
-            counts = (self.n_paths, self.n_points, self.n_meetings)
+            counts = (self.n_paths, self.n_points, self.n_crossings)
             sound = sound and counts == (n_rays, n_records, self.n_descriptors)
         if not sound:
             raise FormatError(

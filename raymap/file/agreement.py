@@ -67,10 +67,10 @@ def unlike_merged(
     starts = merged.detector_offsets[rows]
     counts = merged.detector_offsets[rows + 1] - starts
     if not np.array_equal(counts, np.diff(own.detector_offsets)):
-        return "meetings of paths"
-    meetings = np.repeat(starts - own.detector_offsets[:-1], counts) + np.arange(counts.sum())
+        return "crossings of paths"
+    crossings = np.repeat(starts - own.detector_offsets[:-1], counts) + np.arange(counts.sum())
     for name in ("detector", "registered"):
-        if not np.array_equal(getattr(merged, name)[meetings], getattr(own, name)):
+        if not np.array_equal(getattr(merged, name)[crossings], getattr(own, name)):
             return f"{name} of paths"
     return ""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from raymap.encoding.meetings import CheckedMeetings
+from raymap.encoding.detector_crossings import CheckedCrossings
 from raymap.file.stored import StoredPortion
 from raymap.jit.kernels import lean_kernel
 from raymap.model.limits import CELLS_FLOOR, CELLS_PER_BYTE, affordable
@@ -23,7 +23,7 @@ class DetectorSums:
 
     Attributes
     ----------
-    sums : by detector and channel set, Σ w·c of registered meetings, and the sum over emissions of
+    sums : by detector and channel set, Σ w·c of registered crossings, and the sum over emissions of
         (Σ w·c)²; (cells_v, cells_u, n_channels)
     """
 
@@ -35,16 +35,16 @@ class DetectorSums:
         """Add what every detector registered in a portion."""
         if portion.channel_set not in self._begun:
             self._begin(portion)
-        meetings = portion.descriptors()
-        checked = CheckedMeetings.check(meetings.detector, meetings.cell, portion.map.detectors)
-        if not meetings.registered.any():
+        crossings = portion.descriptors()
+        checked = CheckedCrossings.check(crossings.detector, crossings.cell, portion.map.detectors)
+        if not crossings.registered.any():
             return
         records = np.repeat(np.arange(portion.n_records), portion.column("descriptor_count"))
         weights, colors = portion.column("weight"), portion.column("color")
         offsets = portion.record_offsets()
         emissions = portion.column("emission") if portion.grouped else None
-        # Take the meetings detector by detector, those of each in their order
-        registered = np.flatnonzero(meetings.registered)
+        # Take the crossings detector by detector, those of each in their order
+        registered = np.flatnonzero(crossings.registered)
         owner = checked.detector[registered]
         order = registered[np.argsort(owner, kind="stable")]
         met, first = np.unique(checked.detector[order], return_index=True)
@@ -82,7 +82,7 @@ def _count(
     last: NDArray[np.int64],
     part: Sums,
 ) -> None:
-    """Add w·c of each meeting to its cell; ``part`` is what the ``last`` emission brought there."""
+    """Add w·c of each crossing to its cell; ``part`` is what emission ``last`` brought there."""
     for k in range(weight.size):
         v, u = cell[k, 1], cell[k, 0]
         if last[v, u] != emission[k]:

@@ -56,11 +56,13 @@ _COUNTS = (
     "n_descriptors",
     "n_paths",
     "n_points",
-    "n_meetings",
+    "n_crossings",
     "channel_set",
     "flags",
 )
 """Fields of the index; the flags stand last."""
+_STORED = {"n_crossings": "n_meetings"}
+"""Those that the format names otherwise."""
 _SIGNED = {"first_ray", "last_ray"}
 
 
@@ -135,7 +137,8 @@ def pack_footer(footer: Footer, directory: StreamSet | None, version: tuple[int,
         streams.add(f"portion.{name}", np.array(values, np.uint64))
     for name in _COUNTS:
         kind = np.int64 if name in _SIGNED else np.uint64
-        streams.add(f"portion.{name}", np.array([getattr(meta, name) for meta in metas], kind))
+        counts = np.array([getattr(meta, name) for meta in metas], kind)
+        streams.add(f"portion.{_STORED.get(name, name)}", counts)
     if metas:
         streams.add("portion.emitted", np.stack([meta.emitted for meta in metas]))
     streams.add("chunk.offset", np.array([offset for offset, _ in footer.chunks], np.uint64))
@@ -175,10 +178,10 @@ def _add_merged(
     streams.add("path.length", np.diff(merged.offsets).astype(np.uint32), Scope.PATH)
     for name in ("object", "face", "event", "medium"):
         streams.add(f"path.{name}", getattr(merged, name), Scope.POINT)
-    meetings = np.diff(merged.detector_offsets).astype(np.uint16)
-    streams.add("path.meetings", meetings, Scope.POINT)
-    streams.add("path.detector", merged.detector, Scope.MEETING)
-    streams.add("path.registered", merged.registered, Scope.MEETING)
+    crossings = np.diff(merged.detector_offsets).astype(np.uint16)
+    streams.add("path.meetings", crossings, Scope.POINT)
+    streams.add("path.detector", merged.detector, Scope.CROSSING)
+    streams.add("path.registered", merged.registered, Scope.CROSSING)
     streams.add("path.rays", merged.rays, Scope.PATH)
     streams.add("path.sum_w", merged.sum_w, Scope.PATH)
     streams.add("path.sum_w2", merged.sum_w2, Scope.PATH)
@@ -255,7 +258,12 @@ def read_footer(file: MapFile, chunk: Chunk, n_sources: int) -> Footer:
         raise FormatError("footer lists more portions than the file has bytes")
     sizes = file.column(chunk, "portion.size", n, np.uint64)
     counts = {
-        name: file.column(chunk, f"portion.{name}", n, np.int64 if name in _SIGNED else np.uint64)
+        name: file.column(
+            chunk,
+            f"portion.{_STORED.get(name, name)}",
+            n,
+            np.int64 if name in _SIGNED else np.uint64,
+        )
         for name in _COUNTS
     }
     emitted = (

@@ -31,14 +31,14 @@ class PlainPaths(PathDictionary):
         return self._portion.n_records
 
     @property
-    def n_meetings(self) -> int:
+    def n_crossings(self) -> int:
         return self._portion.n_descriptors
 
     def _source(self) -> NDArray[np.int16]:
         return self._portion.column("source")
 
     def _detector_offsets(self) -> NDArray[np.int64]:
-        return self._portion._meeting_offsets(self._portion.column("descriptor_count"))
+        return self._portion._crossing_offsets(self._portion.column("descriptor_count"))
 
     def _sum_w2(self) -> NDArray[np.float64]:
         return self.sum_w**2
@@ -79,8 +79,8 @@ _LAZY: dict[str, Any] = {
     "event": lambda view: view._portion.column("event"),
     "medium": lambda view: view._portion.column("medium"),
     "detector_offsets": PlainPaths._detector_offsets,
-    "detector": lambda view: view._portion._meetings()[0],
-    "registered": lambda view: view._portion._meetings()[1],
+    "detector": lambda view: view._portion._crossed()[0],
+    "registered": lambda view: view._portion._crossed()[1],
     "rays": lambda view: np.ones(view._portion.n_rays, np.int64),
     "sum_w": lambda view: view._portion.column("weight").astype(np.float64),
     "sum_w2": PlainPaths._sum_w2,

@@ -25,13 +25,13 @@ class PortionGeometry(PortionStreams):
 
     @decodes
     def descriptors(self, position: NDArray[np.float32] | None = None) -> Descriptors:
-        """All meetings with detectors, in record order.
+        """All crossings of detectors, in record order.
 
         Parameters
         ----------
         position : the column, where the caller has it: places on flat detectors follow from it
         """
-        detector, registered = self._meetings()
+        detector, registered = self._crossed()
         if not self._index.meta.encodings & Encoding.CROSSINGS:
             cell, cosine, uv = self._plain_descriptors()
         else:
@@ -48,14 +48,14 @@ class PortionGeometry(PortionStreams):
     def _column_cell(self) -> NDArray[np.uint16]:
         """(n_descriptors, 2) cells of the detectors."""
         cell = self._pair(DESCRIPTOR_STREAMS[:2], "cell")
-        self._check_cells(self._meetings()[0], cell)
+        self._check_cells(self._crossed()[0], cell)
         return cell
 
     def _check_cells(self, detector: NDArray[np.int16], cell: NDArray[np.uint16]) -> None:
-        from raymap.encoding.meetings import CheckedMeetings
+        from raymap.encoding.detector_crossings import CheckedCrossings
 
         with self._damage():
-            CheckedMeetings.check(detector, cell, self._map.detectors)
+            CheckedCrossings.check(detector, cell, self._map.detectors)
 
     def _pair(self, names: tuple[str, ...], field: str) -> NDArray[np.uint16]:
         """Two of the streams of descriptors, without the others where they stand for themselves."""
@@ -78,7 +78,7 @@ class PortionGeometry(PortionStreams):
     def _crossings(
         self, detector: NDArray[np.int16], position: NDArray[np.float32] | None
     ) -> tuple[NDArray[Any], ...]:
-        from raymap.encoding.meetings import FoldedMeetings
+        from raymap.encoding.detector_crossings import FoldedCrossings
 
         n = self.n_descriptors
         folded = np.stack([self._stream(name, n, np.uint16) for name in DESCRIPTOR_STREAMS])
@@ -86,8 +86,10 @@ class PortionGeometry(PortionStreams):
         if position is None:
             position = self._column_position()
         with self._damage():
-            meetings = FoldedMeetings.check(counts, detector, position, folded, self._map.detectors)
-        return meetings.unfold(reverse=bool(self._index.meta.encodings & Encoding.REVERSED))
+            crossings = FoldedCrossings.check(
+                counts, detector, position, folded, self._map.detectors
+            )
+        return crossings.unfold(reverse=bool(self._index.meta.encodings & Encoding.REVERSED))
 
     def _column_triangle(self) -> NDArray[np.int32]:
         from raymap.encoding.itineraries import face_triangles

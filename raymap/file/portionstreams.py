@@ -74,7 +74,7 @@ class PortionStreams:
 
     @property
     def n_descriptors(self) -> int:
-        """Meetings with detectors of all rays."""
+        """Crossings of detectors of all rays."""
         return self._index.meta.n_descriptors
 
     @decodes
@@ -195,7 +195,7 @@ class PortionStreams:
                 meta.n_paths,
                 self._map.bounds,
             )
-            if columns.n_points != meta.n_points or columns.n_meetings != meta.n_meetings:
+            if columns.n_points != meta.n_points or columns.n_crossings != meta.n_crossings:
                 raise FormatError("path dictionary has another size than the header says")
         return columns
 
@@ -233,7 +233,7 @@ class PortionStreams:
 
     @decodes
     def check_rows(self, numbers: NDArray[np.uint32]) -> None:
-        """Make sure that the paths of the rays account for every record and meeting, once.
+        """Make sure that the paths of the rays account for every record and crossing, once.
 
         Parameters
         ----------
@@ -354,14 +354,14 @@ class PortionStreams:
 
     def _column_first_descriptor(self) -> NDArray[np.int32]:
         counts = self._column_descriptor_count()
-        offsets = self._meeting_offsets(counts)
+        offsets = self._crossing_offsets(counts)
         return np.where(counts > 0, offsets[:-1], NONE).astype(np.int32)
 
-    def _meeting_offsets(self, counts: NDArray[np.uint16]) -> NDArray[np.int64]:
+    def _crossing_offsets(self, counts: NDArray[np.uint16]) -> NDArray[np.int64]:
         with self._damage():
             return offsets_from_counts(counts, self.n_descriptors, "descriptors of records")
 
-    def _meetings(self) -> tuple[NDArray[np.int16], NDArray[np.bool_]]:
+    def _crossed(self) -> tuple[NDArray[np.int16], NDArray[np.bool_]]:
         n = self.n_descriptors
         if not self.has_paths:
             detector = self._stream("path.detector", n, np.int16)

@@ -57,7 +57,7 @@ from raymap.model.errors import (
 from raymap.optics.photometry import Photometry
 
 if TYPE_CHECKING:
-    from raymap.encoding.meetings import DetectorTable
+    from raymap.encoding.detector_crossings import DetectorTable
     from raymap.encoding.shapes import ShapeTable
     from raymap.laws.stored import Laws
 
@@ -264,7 +264,7 @@ class RayMap:
     @cached_property
     def detectors(self) -> DetectorTable:
         """Detectors, compiled for the decoding of descriptors."""
-        from raymap.encoding.meetings import compile_detectors
+        from raymap.encoding.detector_crossings import compile_detectors
 
         return compile_detectors(self.directory)
 

@@ -57,7 +57,7 @@ class StoredPortion(PortionGeometry):
 
     def column(self, name: str) -> NDArray[Any]:
         """A column by name: one row per record, per ray ("source", "weight", "emission"), or per
-        meeting with a detector ("uv", "cell").
+        crossing of a detector ("uv", "cell").
 
         Raises
         ------

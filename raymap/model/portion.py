@@ -16,7 +16,7 @@ __all__ = ["Descriptors", "Portion", "empty_portion"]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Descriptors:
-    """Meetings of segments with detectors, in record order.
+    """Crossings of segments and detectors, in record order.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Descriptors:
 
     @staticmethod
     def empty() -> Descriptors:
-        """No meetings, as of rays that no detector saw."""
+        """No crossings, as of rays that no detector saw."""
         return Descriptors(
             detector=np.empty(0, np.int16),
             cell=np.empty((0, 2), np.uint16),

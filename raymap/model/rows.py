@@ -73,8 +73,8 @@ def take_rays(portion: Portion, rays: NDArray[np.int64], ids: NDArray[np.int64])
     """
     offsets = offsets_of(portion.records_per_ray)
     records = rows_of_rays(offsets, rays)
-    meeting_offsets = offsets_of(portion.descriptor_count)
-    meetings = rows_of_rays(meeting_offsets, records)
+    crossing_offsets = offsets_of(portion.descriptor_count)
+    crossings = rows_of_rays(crossing_offsets, records)
     d = portion.descriptors
     table, codes = _used_colors(portion, records)
     return Portion(
@@ -86,11 +86,11 @@ def take_rays(portion: Portion, rays: NDArray[np.int64], ids: NDArray[np.int64])
         color_table=table,
         descriptor_count=portion.descriptor_count[records],
         descriptors=Descriptors(
-            detector=d.detector[meetings],
-            cell=d.cell[meetings],
-            cosine=d.cosine[meetings],
-            uv=d.uv[meetings],
-            registered=d.registered[meetings],
+            detector=d.detector[crossings],
+            cell=d.cell[crossings],
+            cosine=d.cosine[crossings],
+            uv=d.uv[crossings],
+            registered=d.registered[crossings],
         ),
         first_ray=int(ids[0]) if len(ids) else portion.first_ray,
         ray_ids=ids,

@@ -53,7 +53,7 @@ DESCRIPTOR_DTYPE = np.dtype(
         ("registered", "?"),
     ]
 )
-"""One meeting of a segment with a detector, 13 bytes packed."""
+"""One crossing of a detector by a segment, 13 bytes packed."""
 
 PORTION_RAYS = 65_536
 """Rays of a portion by default."""

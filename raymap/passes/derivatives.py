@@ -124,7 +124,7 @@ class Derivatives:
     ) -> Iterator[tuple[int, Slopes]]:
         """What happened to chosen rays (n_rays,) at each face."""
         read = Read(portion)
-        for kind, records, met_by, met in self._events.meetings(read, even=True, rays=rays):
+        for kind, records, met_by, met in self._events.hits(read, even=True, rays=rays):
             if not len(records) or kind.branch == TOTAL:
                 continue
             law = self.faces[kind.face]
@@ -168,7 +168,7 @@ class Derivatives:
         read = Read(portion)
         source = portion.column("source")
         n_sources = len(portion.emitted)
-        for kind, records, rays, met in self._events.meetings(read, even=True):
+        for kind, records, rays, met in self._events.hits(read, even=True):
             if kind.face not in dark or kind.branch == TOTAL or not len(records):
                 continue
             try:

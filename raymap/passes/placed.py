@@ -1,6 +1,6 @@
 """A recorded map with detectors that were not there: a map that every reader of maps takes.
 
-Rays and all that happened to them stay; meetings with the new detectors are computed where
+Rays and all that happened to them stay; crossings of the new detectors are computed where
 segments cross them (`raymap.passes.crossings`). So paths are told apart by the new detectors, too.
 """
 
@@ -33,15 +33,15 @@ F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
 _OWN = {"descriptor_count", "first_descriptor", "cell", "uv", "event"}
-"""Columns that new meetings change."""
+"""Columns that new crossings change."""
 
 
 class _Met(NamedTuple):
-    """New meetings of a portion in the order of the records, and the paths that they make.
+    """New crossings of a portion in the order of the records, and the paths that they make.
 
     Attributes
     ----------
-    record, detector, registered, cell, uv, cosine : (n,) of the meetings
+    record, detector, registered, cell, uv, cosine : (n,) of the crossings
     numbers : (n_rays,) new path of each ray
     base : (n_paths,) recorded path that each new one refines
     first : (n_paths,) a ray of each
@@ -70,7 +70,7 @@ class PlacedPortion(PortionView):
         self._known: _Met | None = None
         self._paths: PathDictionary | None = None
 
-    # -- meetings ------------------------------------------------------------------------------
+    # -- crossings ------------------------------------------------------------------------------
 
     def _met(self) -> _Met:
         with self._lock:
@@ -101,14 +101,14 @@ class PlacedPortion(PortionView):
     def _new_paths(
         self, record: I64, detector: NDArray[np.int16], registered: NDArray[np.bool_]
     ) -> tuple[I64, I64, I64]:
-        """Paths told apart by where on them the new meetings are: see `_Met`."""
+        """Paths told apart by where on them the new crossings are: see `_Met`."""
         offsets = self.own.record_offsets()
         ray = np.searchsorted(offsets, record, side="right") - 1
         kinds = 2 * (len(self._placed.directory.detectors) + 1)
         code = (record - offsets[ray]) * kinds + detector.astype(np.int64) * 2 + registered
         labels = self.own.path_numbers().astype(np.int64)
         starts = offsets_of(np.bincount(ray, minlength=len(labels)))
-        # Meeting after meeting, so that equal labels are equal paths
+        # Crossing after crossing, so that equal labels are equal paths
         rays = np.flatnonzero(np.diff(starts))
         step = 0
         while len(rays):
@@ -129,7 +129,7 @@ class PlacedPortion(PortionView):
 
     @decodes
     def paths(self) -> PathDictionary:
-        """The dictionary, refined by the new meetings."""
+        """The dictionary, refined by the new crossings."""
         met = self._met()
         with self._lock:
             paths = self._paths
@@ -143,7 +143,7 @@ class PlacedPortion(PortionView):
         lengths = np.diff(own.offsets)[met.base]
         offsets = offsets_of(lengths)
         before = np.diff(own.detector_offsets)[rows]
-        # The meetings of a ray of each path, by its points
+        # The crossings of a ray of each path, by its points
         records = self.own.record_offsets()
         ray = np.searchsorted(records, met.record, side="right") - 1
         of_ray = offsets_of(np.bincount(ray, minlength=self.n_rays))
@@ -203,10 +203,10 @@ class PlacedPortion(PortionView):
 
     @property
     def n_descriptors(self) -> int:
-        """Recorded and new meetings."""
+        """Recorded and new crossings."""
         return self.own.n_descriptors + len(self._met().record)
 
-    def _meetings(self) -> tuple[NDArray[np.int16], NDArray[np.bool_]]:
+    def _crossed(self) -> tuple[NDArray[np.int16], NDArray[np.bool_]]:
         met = self.descriptors()
         return met.detector, met.registered
 
@@ -239,7 +239,7 @@ class PlacedPortion(PortionView):
 
     @decodes
     def descriptors(self, position: NDArray[np.float32] | None = None) -> Descriptors:
-        """Recorded and new meetings, in record order."""
+        """Recorded and new crossings, in record order."""
         met = self._met()
         own = self.own.descriptors(position)
         offsets, old, new = self._descriptor_places()
@@ -274,7 +274,7 @@ def _places(before: I64, more: I64) -> tuple[I64, I64, I64]:
 
 
 def _mark(event: NDArray[np.int32], rows: I64, registered: NDArray[np.bool_]) -> None:
-    """Set the bits of meetings with detectors at the points that their segments start at."""
+    """Set the bits of crossings of detectors at the points that their segments start at."""
     event[rows] |= int(Event.DETECTOR_CROSSED)
     event[rows[registered]] |= int(Event.DETECTOR_REGISTERED)
 

@@ -54,7 +54,7 @@ from raymap.passes.likelihoods import (
 )
 from raymap.passes.views import Unseen
 
-__all__ = ["ChangedLaws", "MediumChange", "Meeting", "Read", "Reweighting"]
+__all__ = ["ChangedLaws", "MediumChange", "Hit", "Read", "Reweighting"]
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
@@ -89,7 +89,7 @@ class ChangedLaws:
         return any(_may_open(old, new, channels) for old, new in self.faces.values())
 
 
-class Meeting(NamedTuple):
+class Hit(NamedTuple):
     """One thing that happens: at a face, from a medium into one, by a branch."""
 
     face: int
@@ -119,13 +119,13 @@ class Reweighting:
         self._laws = {
             id(law): Likelihoods(law, channels) for pair in changed.faces.values() for law in pair
         }
-        self._classes: dict[Meeting, tuple[F64, F64]] = {}
+        self._classes: dict[Hit, tuple[F64, F64]] = {}
         self._lock = threading.Lock()
         self.impossible = 0
 
     # -- what happens --------------------------------------------------------------------------
 
-    def _points(self, paths: PathDictionary) -> tuple[I64, list[Meeting], NDArray[np.int32]]:
+    def _points(self, paths: PathDictionary) -> tuple[I64, list[Hit], NDArray[np.int32]]:
         """Points of paths where a changed face decided, the classes there, and whose is which."""
         branch = branch_of_events(paths.event)
         points = np.flatnonzero(self._is_changed[paths.face] & (branch != NONE))
@@ -143,13 +143,13 @@ class Reweighting:
             [column[points].astype(np.int64) for column in (paths.face, before, after, branch)], 1
         )
         distinct, own = np.unique(keys, axis=0, return_inverse=True)
-        return points, [Meeting(*row) for row in distinct.tolist()], own.ravel().astype(np.int32)
+        return points, [Hit(*row) for row in distinct.tolist()], own.ravel().astype(np.int32)
 
-    def _is_even(self, kind: Meeting) -> bool:
+    def _is_even(self, kind: Hit) -> bool:
         old, new = self.changed.faces[kind.face]
         return is_even(old, kind.branch) and is_even(new, kind.branch)
 
-    def indices(self, kind: Meeting) -> tuple[F64, F64]:
+    def indices(self, kind: Hit) -> tuple[F64, F64]:
         """Refractive indices before and beyond, by channel."""
         known = self._classes.get(kind)
         if known is None:
@@ -157,7 +157,7 @@ class Reweighting:
                 known = self._classes[kind] = self._find_indices(kind)
         return known
 
-    def _find_indices(self, kind: Meeting) -> tuple[F64, F64]:
+    def _find_indices(self, kind: Hit) -> tuple[F64, F64]:
         ones = np.ones(self.n_channels)
         laws = self.changed.faces[kind.face]
         if not any(needs_index(law) or _is_metal(law) for law in laws):
@@ -227,7 +227,7 @@ class Reweighting:
         factors: F64 = of_path[portion.path_numbers()]
         if not whole.all():
             read = Read(portion)
-            for kind, records, rays, met in self.meetings(read, even=False):
+            for kind, records, rays, met in self.hits(read, even=False):
                 del records
                 _multiply(factors, rays, self._ratios(kind, met))
             for records, ratios in self._in_media(read):
@@ -242,16 +242,16 @@ class Reweighting:
         factors = np.ones((read.portion.n_records, self.n_channels))
         if self.changed.sources is not None:
             factors[read.offsets[:-1]] = self.changed.sources[read.portion.column("source")]
-        for kind, records, _, met in self.meetings(read, even=True):
+        for kind, records, _, met in self.hits(read, even=True):
             factors[records] *= self._ratios(kind, met).T
         for records, ratios in self._in_media(read):
             factors[records] *= ratios.T
         _accumulate(read.offsets, factors)
         return factors
 
-    def meetings(
+    def hits(
         self, read: Read, *, even: bool, rays: NDArray[np.bool_] | None = None
-    ) -> Iterator[tuple[Meeting, I64, I64, Incidence]]:
+    ) -> Iterator[tuple[Hit, I64, I64, Incidence]]:
         """What happened at changed faces: records, rays and angles by class.
 
         Parameters
@@ -275,7 +275,7 @@ class Reweighting:
                 met = _incidence(read.position, normal[part], records[part], kind)
                 yield kind, records[part], met_by[part], met
 
-    def _ratios(self, kind: Meeting, met: Incidence) -> F64:
+    def _ratios(self, kind: Hit, met: Incidence) -> F64:
         """(n_channels, n) new over old likelihood; 0 where the old law never did this."""
         old, new = self.changed.faces[kind.face]
         if kind.branch == TOTAL and is_total(old) and is_total(new):
@@ -334,7 +334,7 @@ class Reweighting:
         weight, source = portion.column("weight"), portion.column("source")
         codes = portion.column("color_code")
         found: dict[tuple[int, int], F64] = {}
-        for kind, records, rays, met in self.meetings(read, even=True):
+        for kind, records, rays, met in self.hits(read, even=True):
             if kind.branch == TOTAL and all(map(is_total, self.changed.faces[kind.face])):
                 continue
             before = records - 1
@@ -349,7 +349,7 @@ class Reweighting:
                     found[key] = found.get(key, np.zeros(len(more))) + more
         return [Unseen(face, branch, sums) for (face, branch), sums in found.items() if sums.any()]
 
-    def _opened(self, kind: Meeting, branch: int, met: Incidence) -> F64:
+    def _opened(self, kind: Hit, branch: int, met: Incidence) -> F64:
         """(n_channels, n) new share of a branch where the old share is 0."""
         n_i, n_o = self.indices(kind)
         met = met._replace(n_i=n_i, n_o=n_o)
@@ -379,7 +379,7 @@ class Read:
 
 
 def _incidence(
-    position: NDArray[np.float32], normal: NDArray[np.int16], records: I64, kind: Meeting
+    position: NDArray[np.float32], normal: NDArray[np.int16], records: I64, kind: Hit
 ) -> Incidence:
     cos_i = np.empty(len(records))
     if len(records) and not 0 < int(records.min()) <= int(records.max()) < len(position):

@@ -47,7 +47,7 @@ class _Cut(NamedTuple):
     offsets : (n_rays + 1,) records of each ray
     rows : (n_records,) recorded record of each; of the point on a stop that of the segment to it
     ends, begin : (n_stopped,) records of points on stops, and of the segments to these
-    meetings : (n_descriptors,) recorded meetings that remain
+    crossings : (n_descriptors,) recorded crossings that remain
     counts : (n_records,) of them on the segment that starts at each record
     numbers : (n_rays,) path of each
     paths : without sums
@@ -58,7 +58,7 @@ class _Cut(NamedTuple):
     rows: I64
     ends: I64
     begin: I64
-    meetings: I64
+    crossings: I64
     counts: NDArray[np.uint16]
     numbers: NDArray[np.uint32]
     paths: PathDictionary
@@ -111,18 +111,18 @@ class StoppedPortion(PortionView):
         ends = new_offsets[found.ray + 1] - 1
         own_rows[ends] = found.record
         begin = ends - 1
-        counts, meetings, kept = self._meetings_left(found, own_rows, ends, position)
+        counts, crossings, kept = self._crossings_left(found, own_rows, ends, position)
         numbers, paths = self._paths_of(found, steps, kept)
-        return _Cut(found, new_offsets, own_rows, ends, begin, meetings, counts, numbers, paths)
+        return _Cut(found, new_offsets, own_rows, ends, begin, crossings, counts, numbers, paths)
 
-    def _meetings_left(
+    def _crossings_left(
         self, found: Stopped, rows: I64, ends: I64, position: Any
     ) -> tuple[NDArray[np.uint16], I64, NDArray[np.uint8]]:
-        """Meetings on the segments, which they are, and which of each last segment's remain."""
+        """Crossings on the segments, which they are, and which of each last segment's remain."""
         own = self.own
         recorded = own.column("descriptor_count").astype(np.int64)
         starts = offsets_of(recorded)
-        detector = own._meetings()[0]
+        detector = own._crossed()[0]
         # Of the segments that are cut
         last = rows_of_rays(starts, found.record)
         owner = np.repeat(np.arange(len(found.ray)), recorded[found.record])
@@ -140,7 +140,7 @@ class StoppedPortion(PortionView):
         chosen = rows_of_rays(starts, rows[of_record > 0])
         chosen = chosen[alive[chosen]]
         of_record[ends - 1] -= np.bincount(owner[~stays], minlength=len(found.ray))
-        # Of each last segment which meetings remain, to tell paths apart
+        # Of each last segment which crossings remain, to tell paths apart
         most = int(recorded[found.record].max()) if len(found.ray) else 0
         flags = np.zeros((len(found.ray), most), np.uint8)
         place = np.arange(len(last)) - np.repeat(
@@ -183,13 +183,13 @@ class StoppedPortion(PortionView):
         ends = offsets[1:][len(whole) :] - 1
         counts = np.diff(recorded.detector_offsets)[rows]
         counts[ends] = 0
-        meetings = rows_of_rays(recorded.detector_offsets, rows[counts > 0])
-        alive = np.ones(len(meetings), np.bool_)
+        crossings = rows_of_rays(recorded.detector_offsets, rows[counts > 0])
+        alive = np.ones(len(crossings), np.bool_)
         places = offsets_of(counts)
         last = ends - 1
         flags = kept[ray]
         alive[rows_of_rays(places, last)] = flags[flags > 0] == 2
-        registered = recorded.registered[meetings] & alive
+        registered = recorded.registered[crossings] & alive
         columns: dict[str, Any] = {
             "object": recorded.object[rows], "face": recorded.face[rows],
             "event": recorded.event[rows], "medium": recorded.medium[rows],
@@ -211,8 +211,8 @@ class StoppedPortion(PortionView):
                 offsets=offsets,
                 **columns,
                 detector_offsets=offsets_of(left),
-                detector=recorded.detector[meetings][alive],
-                registered=recorded.registered[meetings][alive],
+                detector=recorded.detector[crossings][alive],
+                registered=recorded.registered[crossings][alive],
                 rays=np.zeros(len(base), np.int64),
                 sum_w=zeros,
                 sum_w2=zeros,
@@ -231,8 +231,8 @@ class StoppedPortion(PortionView):
 
     @property
     def n_descriptors(self) -> int:
-        """Meetings that remain."""
-        return len(self._cut().meetings)
+        """Crossings that remain."""
+        return len(self._cut().crossings)
 
     @decodes
     def paths(self) -> PathDictionary:
@@ -313,8 +313,8 @@ class StoppedPortion(PortionView):
         cut = self._cut()
         event = self._at_ends("event", int(Event.SURFACE_ABSORPTION))
         starts = offsets_of(cut.counts)
-        alive = np.ones(len(cut.meetings), np.bool_)
-        registered = self.own._meetings()[1][cut.meetings]
+        alive = np.ones(len(cut.crossings), np.bool_)
+        registered = self.own._crossed()[1][cut.crossings]
         at = cut.begin
         event[at] = _marked(event[at], starts[at], starts[at + 1], alive, registered)
         return event
@@ -356,15 +356,15 @@ class StoppedPortion(PortionView):
         return np.where(counts > 0, offsets_of(counts)[:-1], NONE).astype(np.int32)
 
     def _column_cell(self) -> Any:
-        return self.own.column("cell")[self._cut().meetings]
+        return self.own.column("cell")[self._cut().crossings]
 
     def _column_uv(self) -> Any:
-        return self.own.column("uv")[self._cut().meetings]
+        return self.own.column("uv")[self._cut().crossings]
 
     @decodes
     def descriptors(self, position: NDArray[np.float32] | None = None) -> Descriptors:
-        """Meetings before stops, in record order."""
-        own, chosen = self.own.descriptors(), self._cut().meetings
+        """Crossings before stops, in record order."""
+        own, chosen = self.own.descriptors(), self._cut().crossings
         return Descriptors(
             detector=own.detector[chosen],
             cell=own.cell[chosen],
@@ -373,9 +373,9 @@ class StoppedPortion(PortionView):
             registered=own.registered[chosen],
         )
 
-    def _meetings(self) -> tuple[NDArray[np.int16], NDArray[np.bool_]]:
-        detector, registered = self.own._meetings()
-        chosen = self._cut().meetings
+    def _crossed(self) -> tuple[NDArray[np.int16], NDArray[np.bool_]]:
+        detector, registered = self.own._crossed()
+        chosen = self._cut().crossings
         return detector[chosen], registered[chosen]
 
     def carried(self, rays: Any, records: Any, *, whole: bool) -> tuple[F64, F64]:
@@ -412,11 +412,11 @@ _OWN: dict[str, Callable[[StoppedPortion], NDArray[Any]]] = {
 def _marked(
     event: Any, starts: I64, ends: I64, alive: NDArray[np.bool_], registered: NDArray[np.bool_]
 ) -> Any:
-    """Events of points with the bits of the meetings that remain on their segments.
+    """Events of points with the bits of the crossings that remain on their segments.
 
     Parameters
     ----------
-    starts, ends : (n,) meetings of each point; alive, registered : of the meetings
+    starts, ends : (n,) crossings of each point; alive, registered : of the crossings
     """
     crossed, counted = (np.concatenate(([0], np.cumsum(each))) for each in (alive, registered))
     event = event & ~_MEETS

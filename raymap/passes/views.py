@@ -149,8 +149,8 @@ class PortionView(StoredPortion):
     def _normals(self, position: NDArray[np.float32] | None) -> NDArray[np.int16]:
         return self.own._normals(position)
 
-    def _meetings(self) -> tuple[NDArray[np.int16], NDArray[np.bool_]]:
-        return self.own._meetings()
+    def _crossed(self) -> tuple[NDArray[np.int16], NDArray[np.bool_]]:
+        return self.own._crossed()
 
 
 class MapView(RayMap):

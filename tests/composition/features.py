@@ -2,7 +2,7 @@
 
 Light runs along z from a beam at z = -10 past the feature at z = 0. ``ahead`` sees what goes on,
 ``back`` what returns; both are planes that light passes. Features are met at right angles by light
-of one wavelength, so that natural and polarised light have equal fluxes at the first meeting.
+of one wavelength, so that natural and polarised light have equal fluxes at the first crossing.
 """
 
 from __future__ import annotations

@@ -299,7 +299,7 @@ def _write_compact(path: Path) -> None:
 
 
 def _on_sphere(portion: raymap.Portion) -> raymap.Portion:
-    """The portion with its points on the sphere and its meetings where segments cross."""
+    """The portion with its points on the sphere and its crossings where segments cross."""
     position = portion.position.astype(np.float64)
     position *= 50.0 / np.maximum(np.linalg.norm(position, axis=1, keepdims=True), 1e-9)
     normal = np.rint(position / 50.0 * 32767).astype(np.int16)

@@ -104,14 +104,14 @@ def read_portion(directory, channels, meta, streams):
     out = {"emitted": np.frombuffer(meta[64:], "<i8")}
     gaps = streams["ray_gap"].astype(np.int64) if flags & 2 else np.arange(n) > 0
     out["ray_ids"] = first_ray + np.cumsum(gaps)
-    # Give every record the row of its path's point, every descriptor that of its meeting
+    # Give every record the row of its path's point, every descriptor that of its crossing
     number = streams["path_number"] if flags & 1 else np.arange(n)
     length = streams["path.length"].astype(np.int64)
     rows = spread(length, number)
-    meetings = streams["path.meetings"].astype(np.int64)
-    meet = spread(meetings, rows)
+    crossings = streams["path.meetings"].astype(np.int64)
+    meet = spread(crossings, rows)
     out |= {"source": streams["path.source"][number], "records_per_ray": length[number]}
-    out["descriptor_count"] = meetings[rows]
+    out["descriptor_count"] = crossings[rows]
     for name in ("object", "face", "event", "medium", "detector", "registered"):
         out[name] = streams[f"path.{name}"][meet if name[-2:] in ("or", "ed") else rows]
     faces = [f for o in directory.get("objects", []) for f in o.get("faces", [])]

@@ -194,7 +194,7 @@ class Interpreter:
             names = [self.directory.media[p.medium].name for p in points[:-1] if p.medium >= 0]
             return any(_name_fits(pattern, name) for pattern in node.names for name in names)
         if isinstance(node, c.Detected):
-            return any(self.meets(node, m) for p in points for m in p.meetings)
+            return any(self.meets(node, m) for p in points for m in p.crossings)
         if isinstance(node, c.Crosses):
             return any(self.crosses(text, ray) for text in node.places)
         if isinstance(node, c.Last):
@@ -207,8 +207,8 @@ class Interpreter:
             return self.compare(node, ray)
         return self.logic(node, lambda arg: self.ray(arg, ray))
 
-    def meets(self, node: c.Detected, meeting: tuple[int, bool, tuple[int, int]]) -> bool:
-        detector, registered, uv = meeting
+    def meets(self, node: c.Detected, crossing: tuple[int, bool, tuple[int, int]]) -> bool:
+        detector, registered, uv = crossing
         if detector not in self.detectors(node.names):
             return False
         if not isinstance(node, c.Crossed) and not registered:
@@ -230,18 +230,18 @@ class Interpreter:
     def sequence(self, args: tuple[c.Criterion, ...], ray: Ray, after: float) -> bool:
         """Whether the operands can be found in order after place ``after``.
 
-        Point k stands at place k; the m-th of n meetings on its segment at k + (m + 1) / (n + 1).
+        Point k stands at place k; the m-th of n crossings on its segment at k + (m + 1) / (n + 1).
         """
         if not args:
             return True
         for k, point in enumerate(ray.points):
             places: list[float] = []
             if isinstance(args[0], c.Detected):
-                n = len(point.meetings) + 1
+                n = len(point.crossings) + 1
                 places = [
                     k + (m + 1) / n
-                    for m, meeting in enumerate(point.meetings)
-                    if self.meets(args[0], meeting)
+                    for m, crossing in enumerate(point.crossings)
+                    if self.meets(args[0], crossing)
                 ]
             elif self.point(args[0], ray, k):
                 places = [float(k)]
@@ -258,7 +258,7 @@ class Interpreter:
             tokens: list[tuple[str, int]] = []
             for k, point in enumerate(ray.points):
                 tokens.append(("point", k))
-                tokens += [("met", m[0]) for m in point.meetings if m[1]]
+                tokens += [("met", m[0]) for m in point.crossings if m[1]]
             return len(tokens) in self.reach(tree, {0}, ray, tokens)
         tokens = [("point", k) for k in range(len(ray.points))]
         return len(tokens) in self.reach(tree, {0}, ray, None)
@@ -299,7 +299,7 @@ class Interpreter:
             segment = place - 1 if place < n else n - 2
             if place == 0 or segment < 0:
                 return set()
-            met = ray.points[segment].meetings
+            met = ray.points[segment].crossings
             return {place} if any(m[1] and m[0] in wanted for m in met) else set()
         if tokens is not None:
             if place >= len(tokens) or tokens[place][0] != "point":

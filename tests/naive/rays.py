@@ -15,7 +15,7 @@ class Point:
     medium: int
     position: tuple[float, float, float]
     normal: tuple[int, int, int]
-    meetings: list[tuple[int, bool, tuple[int, int]]]
+    crossings: list[tuple[int, bool, tuple[int, int]]]
     stokes: list[float] | None
     optical_path: float | None
 
@@ -39,21 +39,21 @@ def rays_of(map: Any) -> list[Ray]:
         ids = portion.ray_ids()
         emissions = portion.column("emission").tolist() if portion.grouped else ids.tolist()
         n_channels = map.channel_sets[portion.channel_set].n_channels
-        row = meeting = 0
+        row = crossing = 0
         for index in range(whole.n_rays):
             points = []
             for _ in range(int(whole.records_per_ray[index])):
                 count = int(whole.descriptor_count[row])
                 found = whole.descriptors
-                meetings = [
+                crossings = [
                     (
                         int(found.detector[i]),
                         bool(found.registered[i]),
                         (int(found.uv[i, 0]), int(found.uv[i, 1])),
                     )
-                    for i in range(meeting, meeting + count)
+                    for i in range(crossing, crossing + count)
                 ]
-                meeting += count
+                crossing += count
                 points.append(
                     Point(
                         int(whole.object[row]),
@@ -63,7 +63,7 @@ def rays_of(map: Any) -> list[Ray]:
                         int(whole.medium[row]),
                         tuple(float(x) for x in whole.position[row]),
                         tuple(int(x) for x in whole.normal[row]),
-                        meetings,
+                        crossings,
                         whole.extra["stokes"][row].tolist() if "stokes" in whole.extra else None,
                         float(whole.extra["optical_path"][row])
                         if "optical_path" in whole.extra

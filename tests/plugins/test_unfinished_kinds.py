@@ -13,7 +13,7 @@ from tests.query.random_maps import write_random_map
 MODULE = """
 from typing import ClassVar, Literal
 
-from query.engine.bound import BoundMeeting, BoundNode, BoundPoint, BoundValue
+from query.engine.bound import BoundCrossing, BoundNode, BoundPoint, BoundValue
 from query.expression.atom import Condition, Quantity
 from tracer.bodies.body import Body
 from tracer.media.phases.phase import Phase
@@ -40,8 +40,8 @@ class HalfPoint(Half):
     word, made = "half_point", BoundPoint
 
 
-class HalfMeeting(Half):
-    word, made = "half_meeting", BoundMeeting
+class HalfCrossing(Half):
+    word, made = "half_crossing", BoundCrossing
 
 
 class HalfValue(Quantity):
@@ -77,7 +77,7 @@ class HalfPhase(Phase):
 POINTS = {
     "raymap.atoms": {
         "unbound": "Unbound", "unmeasured": "Unmeasured", "half": "Half",
-        "half_point": "HalfPoint", "half_meeting": "HalfMeeting", "half_value": "HalfValue",
+        "half_point": "HalfPoint", "half_crossing": "HalfCrossing", "half_value": "HalfValue",
         "half_number": "HalfNumber",
     },
     "tracer.bodies": {"half_body": "HalfBody"},
@@ -123,7 +123,7 @@ def test_words_of_criteria(
 @pytest.mark.parametrize(
     ("criterion", "method"),
     [
-        ("half", "on_rays"), ("half_point", "on_points"), ("half_meeting", "on_meetings"),
+        ("half", "on_rays"), ("half_point", "on_points"), ("half_crossing", "on_crossings"),
         ("half_value > 1", "own_streams"), ("half_number > 1", "values"),
     ],
 )  # fmt: skip

@@ -68,14 +68,14 @@ REGIONS = st.one_of(
         st.sampled_from(["", "mm"]),
     ),
 )
-MEETINGS = st.builds(
+CROSSINGS = st.builds(
     lambda kind, names, regions: kind(names, regions),
     st.sampled_from([c.Detected, c.Crossed]),
     st.lists(st.sampled_from(["screen", "eye", "*", "s*"]), min_size=1, max_size=2).map(tuple),
     st.lists(REGIONS, max_size=2).map(tuple),
 )
 SEQUENCES = st.builds(
-    c.Then, st.lists(st.one_of(POINTS, MEETINGS), min_size=2, max_size=4).map(tuple)
+    c.Then, st.lists(st.one_of(POINTS, CROSSINGS), min_size=2, max_size=4).map(tuple)
 )
 
 _FIRST = st.sampled_from(["lamp", "sun", "*", "l?mp", "."])
@@ -160,7 +160,7 @@ RECORDED = st.builds(
 )
 LEAVES = st.one_of(
     POINTS,
-    MEETINGS,
+    CROSSINGS,
     SEQUENCES,
     PATHS,
     QUANTITIES,

@@ -89,13 +89,13 @@ def make_channel_set() -> ChannelSet:
 
 
 def _itinerary(rng: np.random.Generator, directory: Directory) -> dict[str, list[object]]:
-    """Source, points and meetings of one path."""
+    """Source, points and crossings of one path."""
     faces = directory.faces
     bare = next((k for k, item in enumerate(directory.objects) if not item.faces), None)
     n_media, n_detectors = len(directory.media), len(directory.detectors)
     n = int(rng.integers(1, 7))
     points: list[tuple[int, int, int, int]] = []
-    meetings: list[list[tuple[int, bool]]] = []
+    crossings: list[list[tuple[int, bool]]] = []
     for step in range(n):
         if step == 0:
             here = (-1, -1, int(Event.EMITTED))
@@ -113,10 +113,10 @@ def _itinerary(rng: np.random.Generator, directory: Directory) -> dict[str, list
             event = (event if step == 0 else 0) | int(end)
         points.append((owner, face, event, int(rng.integers(-1, n_media))))
         k = int(rng.integers(0, 3)) if step < n - 1 and rng.random() < 0.4 else 0
-        meetings.append(
+        crossings.append(
             [(int(rng.integers(n_detectors)), bool(rng.random() < 0.7)) for _ in range(k)]
         )
-    return {"source": [int(rng.integers(2))], "points": points, "meetings": meetings}
+    return {"source": [int(rng.integers(2))], "points": points, "crossings": crossings}
 
 
 def random_portion(
@@ -135,7 +135,7 @@ def random_portion(
     table = directory.faces
     chosen = [pool[int(rng.integers(len(pool)))] for _ in range(n_rays)]
     points = [point for path in chosen for point in path["points"]]
-    met = [pair for path in chosen for here in path["meetings"] for pair in here]
+    met = [pair for path in chosen for here in path["crossings"] for pair in here]
     counts = np.array([len(path["points"]) for path in chosen], np.int32)
     n = len(points)
     owner = np.array([p[0] for p in points], np.int16)
@@ -174,7 +174,7 @@ def random_portion(
         color_code=np.array(code, np.int32),
         color_table=colors,
         descriptor_count=np.array(
-            [len(here) for path in chosen for here in path["meetings"]], np.uint16
+            [len(here) for path in chosen for here in path["crossings"]], np.uint16
         ),
         descriptors=Descriptors(
             detector=detector,

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 import raymap
 from raymap.bytes.streams import Scope, StreamSet
 from raymap.encoding import geometrystreams
+from raymap.encoding.detector_crossings import _cell_of, _crossing, compile_detectors
 from raymap.encoding.encoder import PortionEncoder
-from raymap.encoding.meetings import _cell_of, _crossing, compile_detectors
 from raymap.encoding.portionmeta import DESCRIPTOR_STREAMS, Encoding
 from raymap.encoding.positions import _ordered, _root, _solved_axis
 from raymap.encoding.shapes import ShapeTable
@@ -23,7 +23,7 @@ from raymap.model.portion import Portion
 __all__ = ["CompactEncoder", "write_compactly"]
 
 _NEAR = 256
-_FEW_MEETINGS = 64
+_FEW_CROSSINGS = 64
 
 
 def write_compactly(writer: raymap.RayMapWriter) -> raymap.RayMapWriter:
@@ -43,11 +43,11 @@ class CompactEncoder(PortionEncoder):
         return chosen | normals, None
 
     def _add_descriptors(self, streams: StreamSet, portion: Portion) -> int:
-        return add_meetings(streams, portion, compile_detectors(self.directory))
+        return add_crossings(streams, portion, compile_detectors(self.directory))
 
 
-def add_meetings(streams: StreamSet, portion: Portion, table: tuple) -> int:
-    """Store the meetings beyond what the paths and positions say; returns the encodings chosen."""
+def add_crossings(streams: StreamSet, portion: Portion, table: tuple) -> int:
+    """Store the crossings beyond what the paths and positions say; returns the encodings chosen."""
     d = portion.descriptors
     n = len(d.detector)
     if not n:
@@ -56,13 +56,13 @@ def add_meetings(streams: StreamSet, portion: Portion, table: tuple) -> int:
     folded = np.empty((5, n), np.uint16)
 
     def missed(counts: NDArray[np.uint16], reverse: bool) -> int:
-        return encode_meetings(
+        return encode_crossings(
             counts, d.detector, d.cell, d.cosine, d.uv, portion.position, *table, reverse, folded
         )
 
-    # Let the first meetings say against which direction cosines are positive
+    # Let the first crossings say against which direction cosines are positive
     so_far = np.cumsum(portion.descriptor_count, dtype=np.int64)
-    few = portion.descriptor_count[: np.searchsorted(so_far, _FEW_MEETINGS) + 1]
+    few = portion.descriptor_count[: np.searchsorted(so_far, _FEW_CROSSINGS) + 1]
     reverse = missed(few, True) < missed(few, False)
     worse = missed(portion.descriptor_count, reverse) > sum(map(np.count_nonzero, plain))
     for name, column in zip(DESCRIPTOR_STREAMS, plain if worse else folded, strict=True):
@@ -209,7 +209,7 @@ def _fold(value: int, predicted: int) -> np.uint16:
 
 
 @lean_kernel
-def encode_meetings(
+def encode_crossings(
     counts: NDArray[np.uint16],
     detector: NDArray[np.int16],
     cell: NDArray[np.uint16],

@@ -155,7 +155,7 @@ def make_portion(
     target = start * 0.15 + rng.normal(0, 0.4, (n_rays, 2)) + np.array([2.0, 1.0])
     ghost = start * 0.5 + np.array([-3.0, -1.5])
     rows: list[tuple] = []  # object, triangle, position, normal, event, medium, descriptors
-    counts, meetings = [], []
+    counts, crossings = [], []
     up, down = (0, 0, 32767), (0, 0, -32767)
     for i in range(n_rays):
         x, y = start[i]
@@ -183,10 +183,10 @@ def make_portion(
                 end = (place[0], place[1], SENSOR_Z)
                 rows.append((SENSOR, 0, end, down, _END | (_SEEN if detect else 0), 0, 0))
                 if detect:
-                    meetings.append((place[0] / SIZE[0] + 0.5, place[1] / SIZE[1] + 0.5))
+                    crossings.append((place[0] / SIZE[0] + 0.5, place[1] / SIZE[1] + 0.5))
         counts.append(len(rows) - before)
     n = len(rows)
-    uv = np.clip(np.array(meetings).reshape(-1, 2), 0, 0.9999)
+    uv = np.clip(np.array(crossings).reshape(-1, 2), 0, 0.9999)
     color = np.repeat(
         np.where(rng.random(n_rays) < 0.5, channels, rng.integers(0, channels, n_rays)), counts
     )

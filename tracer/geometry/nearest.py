@@ -324,7 +324,7 @@ def asphere_sag(s: F64, r2: float) -> tuple[float, float]:
 
 @inner_kernel
 def asphere_nearest(table: F64, f: int, r: F64, h: I64, row: Integer, m: int) -> None:
-    """Walk along each ray through the slab of the surface, then close in on the first crossing."""
+    """Walk along each ray through the slab of the surface, then close in on the first hit."""
     s = table[f]
     vx, vy, vz, ax, ay, az, outer = (
         table[f, 0],

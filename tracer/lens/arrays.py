@@ -56,7 +56,7 @@ class TreeOptions(NamedTuple):
 class NodeArrays(NamedTuple):
     """Nodes of the trees: row ray, column level - 1. Unused places hold face -1 and zeros.
 
-    A node is a meeting with a face; where light leaves the lens there, ``flux`` is positive and
+    A node is a hit of a face; where light leaves the lens there, ``flux`` is positive and
     direction, field, path, tube and half_waves describe the exit. Per ray: what the glass and the
     rim absorbed, what suppressed exits carried, what was still inside after the last level.
     """

@@ -1,6 +1,6 @@
 """The branching tree of light among lenses: points with parents, and the ends of branches.
 
-Every meeting is a node; a ray that splits has two nodes there, one for each event. A branch that
+Every hit is a node; a ray that splits has two nodes there, one for each event. A branch that
 ends carries its flux; its ray is the way from the root to it.
 """
 
@@ -94,7 +94,7 @@ def grow_forest(
     seed : of what is drawn: where light is absorbed in a lens
     root : node where each ray starts
     depth : of every lens tree; what a lens still holds then ends there, stopped
-    min_flux : branches below this share of the emission end, stopped, at their next meeting
+    min_flux : branches below this share of the emission end, stopped, at their next hit
     """
     lenses = scene.lenses[channel]
     live, node, born = rays, root, emission

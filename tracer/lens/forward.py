@@ -26,7 +26,7 @@ Mode = Literal["polarized", "unpolarized", "scalar", "schlick", "published"]
 MODES: tuple[Mode, ...] = ("polarized", "unpolarized", "scalar", "schlick", "published")
 
 MAX_DEPTH = 1000
-"""Deepest tree; what a lens still holds after that many meetings is nothing."""
+"""Deepest tree; what a lens still holds after that many hits is nothing."""
 
 RGB_NM = (611.0, 549.0, 464.0)
 """Wavelengths that stand for the channels red, green, blue [nm]."""
@@ -56,16 +56,16 @@ def trace_lens(
     ----------
     lens : the lens
     rays : light from outside; rays that pass the lens by get empty trees
-    depth : deepest level dT: meetings with caps that are followed
+    depth : deepest level dT: hits of caps that are followed
     mode : "polarized": fields by Fresnel's equations. "unpolarized": the exact mean of two
         orthogonal polarised trees; the fields of ``rays`` only give the flux. "scalar": the mean
-        reflectance at every meeting; "schlick": Schlick's approximation of it. "published": the
+        reflectance at every hit; "schlick": Schlick's approximation of it. "published": the
         published phase rules, for comparison; they are wrong at internal reflections
-    keep_reflection : whether the reflection at the first meeting leaves as a ray
+    keep_reflection : whether the reflection at the first hit leaves as a ray
     keep_backward : whether rays that leave against the incoming direction are kept
     min_share : exits below this share of the incoming flux are suppressed, and a tree whose inner
         ray falls below it ends
-    path_from_origin : count the optical path from the origin of the ray (else from the meeting)
+    path_from_origin : count the optical path from the origin of the ray (else from the hit)
     index_wavelength_nm : take refractive indices at this wavelength (no dispersion)
     executor, threads : a thread pool, or how many threads, for chunks of the rays
 

@@ -140,7 +140,7 @@ def _within(shape: LensShape, x: float, y: float, z: float) -> bool:
 def enter(
     shape: LensShape, x: float, y: float, z: float, dx: float, dy: float, dz: float
 ) -> tuple[int, float]:
-    """First meeting of a ray from outside: the face and the distance.
+    """First hit of a ray from outside: the face and the distance.
 
     A ray may start on the boundary: it then enters where it points inward and leaves the lens
     alone where it points outward.
@@ -208,7 +208,7 @@ def _same_cap(
     curvature: float, height: float,
     x: float, y: float, z: float, dx: float, dy: float, dz: float,
 ) -> float:  # fmt: skip
-    """Distance to the second meeting with the cap that the ray stands on."""
+    """Distance to the second hit of the cap that the ray stands on."""
     if curvature == 0.0:
         return math.inf
     b = curvature * (x * dx + y * dy + z * dz) - dz
@@ -223,7 +223,7 @@ def inner_hit(
     shape: LensShape, last: int,
     x: float, y: float, z: float, dx: float, dy: float, dz: float,
 ) -> tuple[int, float]:  # fmt: skip
-    """Next meeting of a ray inside the glass that stands on the cap ``last``.
+    """Next hit of a ray inside the glass that stands on the cap ``last``.
 
     A ray that finds neither a cap nor the rim has slipped through an edge by rounding; it ends on
     the rim where it stands.

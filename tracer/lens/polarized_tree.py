@@ -1,7 +1,7 @@
 """The tree of a polarised ray in a lens, compiled: one call for a batch.
 
-The lens is convex or a meniscus with one inner ray at a time, so the tree is a chain: each meeting
-with a cap lets at most one ray out and keeps at most one inside. Level k is the k-th meeting.
+The lens is convex or a meniscus with one inner ray at a time, so the tree is a chain: each hit
+of a cap lets at most one ray out and keeps at most one inside. Level k is the k-th hit.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def _meet(
     nodes: NodeArrays, frame: NDArray[np.float64], ray: int, level: int, face: int,
     x: float, y: float, z: float,
 ) -> None:  # fmt: skip
-    """Note a meeting with a face."""
+    """Note a hit of a face."""
     wx, wy, wz = to_world(frame, x, y, z)
     nodes.face[ray, level] = face
     nodes.point[ray, level, 0] = wx + frame[3, 0]

@@ -2,7 +2,7 @@
 
 Every emission becomes all its branches: each is a ray of the map from the source to its end, with
 its share of the flux as weight, and the column ``emission`` groups the branches of one emission.
-Meetings inside the lenses are recorded like any others, with the objects, faces and media of the
+Hits inside the lenses are recorded like any others, with the objects, faces and media of the
 analog trace of the same scene, so both maps can be queried alike. Emissions draw the same numbers
 as those of the analog trace, and what is drawn on the way depends on the emission alone. The column
 ``optical_path`` (n_records,) float32 is index times length from the emission to the record's point.
@@ -126,7 +126,7 @@ class LensTracer:
         counts, rows = walk_to_roots(nodes[0].astype(np.int64), leaf.astype(np.int64))
         position, normal, obj, triangle, happened, medium = (column[rows] for column in nodes[1:])
         event: NDArray[np.int32] = happened.astype(np.int32)
-        count, descriptors = self._meetings(counts, position.astype(np.float64), obj, event)
+        count, descriptors = self._crossings(counts, position.astype(np.float64), obj, event)
         branches = np.bincount(emission - first, minlength=n)
         if branches.max(initial=0) > LensTreeTrace.max_branches:
             raise LensError(
@@ -172,10 +172,10 @@ class LensTracer:
         total = np.cumsum(piece)
         return np.asarray(total - np.repeat(total[starts], counts), np.float32)
 
-    def _meetings(
+    def _crossings(
         self, counts: Integers, position: Real, obj: NDArray[np.generic], event: NDArray[np.int32]
     ) -> tuple[NDArray[np.uint16], Descriptors]:
-        """Meetings of all segments with detectors; sets their bits in ``event``."""
+        """Crossings of all segments and detectors; sets their bits in ``event``."""
         last = np.cumsum(counts) - 1
         segment = np.ones(len(position), np.bool_)
         segment[last] = False

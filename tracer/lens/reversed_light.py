@@ -27,7 +27,7 @@ def _chain(
 ) -> bool:  # fmt: skip
     """Follow the ray of a tree to a level: outward sense, no light yet.
 
-    Writes for every meeting the normal against the ray, the ray's direction before it and the
+    Writes for every hit the normal against the ray, the ray's direction before it and the
     length of the piece before it; the last row of ``directions`` is the exit.
     """
     frame = rays.frame

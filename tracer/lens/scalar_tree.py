@@ -1,7 +1,7 @@
 """The tree of an unpolarised ray in a lens, compiled: fluxes only.
 
-Every meeting takes the mean of both reflectances. That forgets that a first refraction polarises
-light, which the next meeting feels: `tracer.lens.forward` offers the exact mean of two orthogonal
+Every hit takes the mean of both reflectances. That forgets that a first refraction polarises
+light, which the next hit feels: `tracer.lens.forward` offers the exact mean of two orthogonal
 polarised trees beside it. Schlick's approximation is here for comparison.
 """
 
@@ -84,7 +84,7 @@ def _grow_one(
     absorbed, suppressed = 0.0, 0.0
     level = 0
     while True:
-        # Note the meeting
+        # Note the hit
         _clear(nodes, ray, level)
         wx, wy, wz = to_world(frame, x, y, z)
         nodes.face[ray, level] = face

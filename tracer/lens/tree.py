@@ -25,7 +25,7 @@ class Exits:
     Attributes
     ----------
     ray : (m,) int64, the incoming ray
-    level : (m,) int64, meetings up to the exit: 1 reflected at once, 2 directly transmitted, …
+    level : (m,) int64, hits up to the exit: 1 reflected at once, 2 directly transmitted, …
     face : (m,) int8, where it leaves
     point, direction : (m, 3)
     flux : (m,)
@@ -57,8 +57,8 @@ class LensTree:
     Attributes
     ----------
     lens, rays, mode : what was asked
-    face : (n, depth) int8, face of each meeting, -1 where the tree has ended
-    point : (n, depth, 3) of each meeting [mm]
+    face : (n, depth) int8, face of each hit, -1 where the tree has ended
+    point : (n, depth, 3) of each hit [mm]
     flux : (n, depth) of the ray that leaves there, 0 where none leaves
     direction : (n, depth, 3) of that ray
     optical_path : (n, depth) up to there [mm]

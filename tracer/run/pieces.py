@@ -16,7 +16,7 @@ __all__ = ["copied", "split_portion"]
 def split_portion(portion: Portion) -> list[Portion]:
     """Cut a portion where it would pass the limit of records; one emission is never cut."""
     offsets = np.concatenate(([0], np.cumsum(portion.records_per_ray)))
-    meetings = np.concatenate(([0], np.cumsum(portion.descriptor_count, dtype=np.int64)))
+    crossings = np.concatenate(([0], np.cumsum(portion.descriptor_count, dtype=np.int64)))
     cuts = np.arange(portion.n_rays + 1)
     if portion.emission is not None:
         begins = np.diff(portion.emission, prepend=portion.emission[0] - 1) != 0
@@ -26,15 +26,15 @@ def split_portion(portion: Portion) -> list[Portion]:
     while at < len(cuts) - 1:
         limit = offsets[cuts[at]] + PORTION_RECORDS
         end = max(at + 1, int(np.searchsorted(offsets[cuts], limit, side="right")) - 1)
-        pieces.append(_piece(portion, offsets, meetings, int(cuts[at]), int(cuts[end])))
+        pieces.append(_piece(portion, offsets, crossings, int(cuts[at]), int(cuts[end])))
         at = end
     return pieces
 
 
-def _piece(portion: Portion, offsets: Any, meetings: Any, start: int, stop: int) -> Portion:
+def _piece(portion: Portion, offsets: Any, crossings: Any, start: int, stop: int) -> Portion:
     """Rays ``start`` to ``stop`` of a portion."""
     records = slice(int(offsets[start]), int(offsets[stop]))
-    found = slice(int(meetings[records.start]), int(meetings[records.stop]))
+    found = slice(int(crossings[records.start]), int(crossings[records.stop]))
     d = portion.descriptors
     source = portion.source[start:stop]
     rays = {

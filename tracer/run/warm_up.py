@@ -90,7 +90,7 @@ def _faces_of(face_i: NDArray[np.int64], portion: Portion) -> NDArray[np.int64]:
 
 def warm_up(directory: Directory, channel_set: ChannelSet, encoder: PortionEncoder | None) -> None:
     """Count, encode and merge a few rays that leave the scene at once."""
-    meetings, n = (1 if directory.detectors else 0), _RAYS
+    crossings, n = (1 if directory.detectors else 0), _RAYS
     end = int(Event.LEFT_SCENE)
     portion = Portion(
         emitted=np.array([n] + [0] * (len(directory.sources) - 1), np.int64),
@@ -104,13 +104,13 @@ def warm_up(directory: Directory, channel_set: ChannelSet, encoder: PortionEncod
         medium=np.zeros(2 * n, np.int16),
         color_code=np.arange(2 * n, dtype=np.int32) // 2 % channel_set.n_channels,
         color_table=np.zeros((0, channel_set.n_channels), np.uint16),
-        descriptor_count=np.tile(np.array([meetings, 0], np.uint16), n),
+        descriptor_count=np.tile(np.array([crossings, 0], np.uint16), n),
         descriptors=Descriptors(
-            detector=np.zeros(n * meetings, np.int16),
-            cell=np.zeros((n * meetings, 2), np.uint16),
-            cosine=np.zeros(n * meetings, np.int16),
-            uv=np.zeros((n * meetings, 2), np.uint16),
-            registered=np.ones(n * meetings, np.bool_),
+            detector=np.zeros(n * crossings, np.int16),
+            cell=np.zeros((n * crossings, 2), np.uint16),
+            cosine=np.zeros(n * crossings, np.int16),
+            uv=np.zeros((n * crossings, 2), np.uint16),
+            registered=np.ones(n * crossings, np.bool_),
         ),
         implied_normals=True,
     )

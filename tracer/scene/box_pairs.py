@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["meeting_boxes"]
+__all__ = ["overlapping_boxes"]
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.intp]
@@ -34,7 +34,9 @@ class _Room(NamedTuple):
     high: Array
 
 
-def meeting_boxes(low: Array, high: Array, reach: float = 0.0) -> Iterator[tuple[Numbers, Numbers]]:
+def overlapping_boxes(
+    low: Array, high: Array, reach: float = 0.0
+) -> Iterator[tuple[Numbers, Numbers]]:
     """All pairs of boxes that meet, each once, the smaller number first, a batch at a time.
 
     Space is cut in halves along the dimension that separates the boxes best, until few are left

@@ -7,7 +7,7 @@ import numpy as np
 from raymap.model.errors import SceneError
 from tracer.bodies.body import Body
 from tracer.bodies.lens import LensBody
-from tracer.scene.box_pairs import meeting_boxes
+from tracer.scene.box_pairs import overlapping_boxes
 
 __all__ = ["check_lenses", "on_common_axis"]
 
@@ -73,5 +73,5 @@ def _side_by_side(lenses: list[LensBody]) -> list[tuple[int, int]]:
     width = np.repeat([_TILT, loose], 3)
     low = np.column_stack([mark - width, along + span[:, 0] - loose])
     high = np.column_stack([mark + width, along + span[:, 1] + loose])
-    pairs = [np.column_stack(pair) for pair in meeting_boxes(low, high)]
+    pairs = [np.column_stack(pair) for pair in overlapping_boxes(low, high)]
     return sorted((a, b) for part in pairs for a, b in part.tolist())

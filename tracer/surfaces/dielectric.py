@@ -36,9 +36,9 @@ from tracer.surfaces.interaction import (
     SPECULAR_REFLECTION,
     SPECULAR_REFRACTION,
     TIR,
+    Interaction,
     Interface,
     Light,
-    Meeting,
     Optics,
     Way,
     reflected_way,
@@ -64,7 +64,9 @@ _SPECULAR = SPECULAR_REFLECTION | SPECULAR_REFRACTION | TIR
 
 
 @inline_kernel
-def meet_dielectric(optics: Optics, at: Interface, way: Way, light: Light, follow: int) -> Meeting:
+def meet_dielectric(
+    optics: Optics, at: Interface, way: Way, light: Light, follow: int
+) -> Interaction:
     """Smooth interface, bare or coated: reflection or refraction by roulette.
 
     Where the index depends on the channel, a channel is drawn first. If the ray is refracted it
@@ -138,8 +140,8 @@ def recolor_reflected(optics: Optics, at: Interface, light: Light) -> int:
 
 @inner_kernel
 def scatter_if_specular(
-    optics: Optics, at: Interface, way: Way, light: Light, met: Meeting
-) -> Meeting:
+    optics: Optics, at: Interface, way: Way, light: Light, met: Interaction
+) -> Interaction:
     """Give the surface's scatter its share of light that was reflected or refracted."""
     happened, crosses, dx, dy, dz, code, state = met
     if optics.surface_i[at.surface, S_SCATTER] < 0 or happened & _SPECULAR == 0:

@@ -34,7 +34,7 @@ __all__ = [
     "Hit",
     "Interface",
     "Light",
-    "Meeting",
+    "Interaction",
     "Optics",
     "Outcome",
     "Way",
@@ -119,7 +119,7 @@ class Light(NamedTuple):
     state: np.uint64
 
 
-Meeting = tuple[int, bool, float, float, float, int, np.uint64]
+Interaction = tuple[int, bool, float, float, float, int, np.uint64]
 """Event, whether light goes to the other side, its direction, colour code, state."""
 
 

@@ -21,8 +21,8 @@ from tracer.surfaces.interaction import (
     DIFFUSE_REFLECTION,
     DIFFUSE_TRANSMISSION,
     Hit,
+    Interaction,
     Light,
-    Meeting,
     Optics,
     Outcome,
     Way,
@@ -33,7 +33,7 @@ __all__ = ["Lambertian", "diffuse", "draw_lambertian", "meet_lambertian", "weigh
 
 
 @inner_kernel
-def meet_lambertian(optics: Optics, surface: int, way: Way, light: Light) -> Meeting:
+def meet_lambertian(optics: Optics, surface: int, way: Way, light: Light) -> Interaction:
     """Diffuse reflection, diffuse transmission or absorption."""
     surface_f, colors, counters, code = optics.surface_f, light.colors, light.counters, light.code
     reflectance = np.int64(SURFACE_ROW)

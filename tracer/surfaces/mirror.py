@@ -17,9 +17,9 @@ from tracer.surfaces.interaction import (
     ABSORBED,
     GLOSSY_REFLECTION,
     SPECULAR_REFLECTION,
+    Interaction,
     Interface,
     Light,
-    Meeting,
     Optics,
     Way,
     reflected_way,
@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 
 
 @inner_kernel
-def meet_mirror(optics: Optics, at: Interface, way: Way, light: Light) -> Meeting:
+def meet_mirror(optics: Optics, at: Interface, way: Way, light: Light) -> Interaction:
     """Reflection, scatter about it, or absorption."""
     reflected, way, light = reflect_at_mirror(optics, at, way, light)
     if not reflected:

@@ -76,7 +76,7 @@ class Buffers(NamedTuple):
     words (n, 11), real : records as they happen, and the same memory as float32
     owners (n,) : of every record the ray of the block, with `COUNTED` where the ray ends
     exact : empty, or (n, 3) positions in float64
-    meetings (n, 7), meeting_t : descriptors as they happen, chained per record
+    crossings (n, 7), crossing_t : descriptors as they happen, chained per record
     colors (n, C) : mixed colours
     counters : see above
     bundle_f (8, BUNDLE), bundle_i (4, BUNDLE), bins : scratch of the intersection
@@ -92,8 +92,8 @@ class Buffers(NamedTuple):
     real: NDArray[np.float32]
     owners: I32
     exact: F64
-    meetings: I32
-    meeting_t: F64
+    crossings: I32
+    crossing_t: F64
     colors: F64
     counters: I64
     bundle_f: F64
@@ -126,8 +126,8 @@ class Workspace:
                 real=words.view(np.float32),
                 owners=np.empty(len(words), np.int32),
                 exact=np.empty((len(words) if exact else 0, 3)),
-                meetings=np.empty((4 * block, 7), np.int32),
-                meeting_t=np.empty(4 * block),
+                crossings=np.empty((4 * block, 7), np.int32),
+                crossing_t=np.empty(4 * block),
                 colors=np.empty((len(scene.source_i) + 8 * block, scene.n_channels)),
                 counters=np.zeros(8, np.int64),
                 bundle_f=np.empty((8, BUNDLE + _PADDING)),
@@ -144,8 +144,8 @@ class Workspace:
         n = int(b.counters[LIVE])
         if b.counters[RECORDS] + n > len(b.words):
             b = with_more_records(b)
-        while b.counters[DESCRIPTORS] + n * (len(scene.detector_i) + 1) > len(b.meeting_t):
-            b = b._replace(meetings=grown(b.meetings), meeting_t=grown(b.meeting_t))
+        while b.counters[DESCRIPTORS] + n * (len(scene.detector_i) + 1) > len(b.crossing_t):
+            b = b._replace(crossings=grown(b.crossings), crossing_t=grown(b.crossing_t))
         if b.counters[COLORS] + 4 * n > len(b.colors):
             b = b._replace(colors=grown(b.colors))
         self.buffers = b

@@ -77,7 +77,8 @@ from tracer.transport.buffers import (
 )
 from tracer.transport.cross_face import any_coincident, cross_face, left_together
 from tracer.transport.medium_stack import top_body
-from tracer.transport.meetings import (
+from tracer.transport.records import ENDING, Record, RecordColumns, write_record
+from tracer.transport.register_crossings import (
     Descriptors,
     Detectors,
     Segment,
@@ -86,7 +87,6 @@ from tracer.transport.meetings import (
     pass_views,
     register_on_face,
 )
-from tracer.transport.records import ENDING, Record, RecordColumns, write_record
 from tracer.transport.splitting import (
     Fork,
     SplitRays,
@@ -110,7 +110,7 @@ RIM_HIT = int(Event.RIM_HIT)
 MEDIUM_CHANGED = int(Event.MEDIUM_CHANGED)
 
 _AT_EDGE = 1e-9
-"""Share of the scene's radius below which a meeting from the wrong side is rounding at an edge."""
+"""Share of the scene's radius below which a hit from the wrong side is rounding at an edge."""
 _OFF = 1e-13
 """Share of the scene's radius that takes a ray off a face: more than rounding, far below the above,
 so that it counts as rounding at all but grazing incidence."""
@@ -212,7 +212,7 @@ def interact(scene: CompiledScene, b: Buffers, split: SplitRays | None, follow: 
     live_f, live_i, ray_i, ray_f = b.live_f, b.live_i, b.ray_i, b.ray_f
     exact, colors, counters = b.exact, b.colors, b.counters
     columns = RecordColumns(b.words, b.real, b.owners)
-    descriptors = Descriptors(b.words, b.meetings, b.meeting_t, b.counters)
+    descriptors = Descriptors(b.words, b.crossings, b.crossing_t, b.counters)
     n_channels = colors.shape[1]
     volume_key = 2 * len(face_i) + len(scene.source_i)
     far = max(abs(sphere[0]), abs(sphere[1]), abs(sphere[2]))

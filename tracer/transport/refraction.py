@@ -1,8 +1,8 @@
 """Refraction at a bare or evenly coated lens face, many rays at a time.
 
 Every function is a loop or a few over the columns of a stream of rays (`tracer.transport.streams`),
-with the arithmetic and the random numbers that `tracer.surfaces.meeting` has for a single ray. Each
-loop writes one row: the compiler vectorises what it can prove not to overlap.
+with the arithmetic and the random numbers that `tracer.surfaces.surface_hit` has for a single ray.
+Each loop writes one row: the compiler vectorises what it can prove not to overlap.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from tracer.rays.random import advance, uniform
 
 __all__ = ["choose", "look_up", "meet_face", "reflectance", "turn"]
 
-# Rows of stream_f: origin 0-2, direction 3-5, distances 6-7 (as in a bundle), then what a meeting
+# Rows of stream_f: origin 0-2, direction 3-5, distances 6-7 (as in a bundle), then what a hit
 # needs: indices before and beyond, random number, normal, point, direction after, what happens,
 # cosine of incidence, ratio of indices, cosine² of refraction, scratch, factor of the normal
 _N1, _N2, _U, NORMAL, POINT, AFTER, OUTCOME = 8, 9, 10, 11, 14, 17, 20

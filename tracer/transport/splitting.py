@@ -152,17 +152,17 @@ def may_split(reduction: VarianceReduction, split: SplitRays | None, ray: int) -
 
 
 @inline_kernel
-def has_room(split: SplitRays | None, b: Buffers, n: int, meetings: int) -> bool:
+def has_room(split: SplitRays | None, b: Buffers, n: int, crossings: int) -> bool:
     """Whether no buffer can overflow in the next step of ``n`` rays."""
     if split is None:
         return bool(
             b.counters[RECORDS] + n <= len(b.words)
-            and b.counters[DESCRIPTORS] + n * meetings <= len(b.meeting_t)
+            and b.counters[DESCRIPTORS] + n * crossings <= len(b.crossing_t)
             and b.counters[COLORS] + 4 * n <= len(b.colors)
         )
     return bool(
         b.counters[RECORDS] + 2 * n <= len(b.words)
-        and b.counters[DESCRIPTORS] + n * meetings <= len(b.meeting_t)
+        and b.counters[DESCRIPTORS] + n * crossings <= len(b.crossing_t)
         and b.counters[COLORS] + 8 * n <= len(b.colors)
         and 2 * n <= b.live_f.shape[1]
         and b.counters[RAYS] + n <= split.rays.shape[1]

@@ -114,7 +114,7 @@ def _keep_counted(n: int, b: Buffers) -> None:
         ray_i[N_RECORDS, ray] = 0
     kept = number(0)
     for d in range(b.counters[DESCRIPTORS]):
-        owners[unsigned(b.meetings[d, D_RECORD])] |= COUNTED
+        owners[unsigned(b.crossings[d, D_RECORD])] |= COUNTED
     for r in range(b.counters[RECORDS]):
         owner = owners[r]
         if owner & COUNTED != 0:
@@ -139,7 +139,7 @@ def copy_records(
 ) -> None:
     """Append the ``total`` records of a block, record ``order[k]`` as the k-th of them."""
     words, real, exact = b.words, b.real, b.exact
-    meetings, meeting_t, colors = b.meetings, b.meeting_t, b.colors
+    crossings, crossing_t, colors = b.crossings, b.crossing_t, b.colors
     n_channels = colors.shape[1]
     n_records, n_descriptors, n_colors = filled[1], filled[2], filled[3]
     for k in range(b.counters[COLORS]):
@@ -167,7 +167,7 @@ def copy_records(
         described = words[r, COUNT]
         columns.descriptor_count[place] = described
         if described > 0:
-            _place_descriptors(words, r, meetings, meeting_t, columns, n_descriptors)
+            _place_descriptors(words, r, crossings, crossing_t, columns, n_descriptors)
             n_descriptors += described
         # Number mixed colours as they turn up
         code = np.int64(words[r, R_CODE])
@@ -189,7 +189,7 @@ def copy_records(
 
 @inner_kernel
 def _place_descriptors(
-    words: I32, r: int, meetings: I32, meeting_t: F64, columns: Columns, place: int
+    words: I32, r: int, crossings: I32, crossing_t: F64, columns: Columns, place: int
 ) -> None:
     """Write the descriptors of one segment by rising distance."""
     count = words[r, COUNT]
@@ -199,12 +199,12 @@ def _place_descriptors(
         rank = 0
         other = np.int64(words[r, CHAIN])
         for _ in range(count):
-            before = meeting_t[other] < meeting_t[d]
-            tie = meeting_t[other] == meeting_t[d] and other < d
+            before = crossing_t[other] < crossing_t[d]
+            tie = crossing_t[other] == crossing_t[d] and other < d
             rank += 1 if before or tie else 0
-            other = np.int64(meetings[other, D_PREVIOUS])
+            other = np.int64(crossings[other, D_PREVIOUS])
         k = place + rank
-        w = meetings[d]
+        w = crossings[d]
         columns.detector[k] = w[D_DETECTOR]
         columns.cell[k, 0] = w[D_CELL]
         columns.cell[k, 1] = w[D_CELL] >> 16

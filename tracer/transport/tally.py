@@ -141,7 +141,7 @@ class Tally:
                     self._touched, self._whole,
                 )  # fmt: skip
                 cells = _Brought(self._last_cell, self._part_cell)
-                _add_meetings(rays, seen, self.group, self._worth, grids, cells, places, before)
+                _add_crossings(rays, seen, self.group, self._worth, grids, cells, places, before)
 
     # -- what was counted ------------------------------------------------------------------------
 
@@ -371,7 +371,7 @@ def _add_endings(
 
 
 @lean_kernel
-def _add_meetings(
+def _add_crossings(
     rays: _Rays, seen: _Seen, group: I64, worth: F64, grids: _Grids, cells: _Brought,
     places: _Brought, number: int,
 ) -> None:  # fmt: skip

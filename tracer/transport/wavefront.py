@@ -90,11 +90,11 @@ def run_steps(
         call_at(stages.emit, (scene, seed, first_ray, n_rays, b))
         if split is not None:
             start_emissions(split, n_rays, counters)
-    meetings = len(scene.detector_i) + 1
+    crossings = len(scene.detector_i) + 1
     refract = follow == 0 and meshes is None
     while counters[LIVE] > 0:
         n = counters[LIVE]
-        if not has_room(split, b, n, meetings):
+        if not has_room(split, b, n, crossings):
             return False
         call_at(stages.hits, (faces, b, n, refract))
         if meshes is not None:

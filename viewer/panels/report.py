@@ -116,8 +116,8 @@ def point_fields(
         facts.append(["Index", _text(point.get("refractive_index"))])
         for name, value in dict(point.get("medium_parameters") or {}).items():
             facts.append([f"  {str(name).replace('_', ' ')}", _text(value)])
-    for meeting in point.get("detectors") or []:
-        facts.append(["Detector", _meeting(meeting)])
+    for crossing in point.get("detectors") or []:
+        facts.append(["Detector", _crossing(crossing)])
     spectrum = [float(value) for value in dict(point.get("spectrum") or {}).values()]
     plot = ""
     if spectrum and point.get("length"):
@@ -138,17 +138,17 @@ def _text(value: Any) -> str:
     return str(value)
 
 
-def _meeting(meeting: Any) -> str:
-    """One meeting with a detector in words."""
-    if not isinstance(meeting, Mapping):
-        return str(meeting)
-    words = [str(meeting.get("detector", meeting.get("name", "")))]
-    if "cell" in meeting:
-        words.append(f"cell {_text(meeting['cell'])}")
-    if "registered" in meeting:
-        words.append("registered" if meeting["registered"] else "not registered")
-    if meeting.get("cosine") is not None:
-        words.append(f"cosine {_text(meeting['cosine'])}")
+def _crossing(crossing: Any) -> str:
+    """One crossing of a detector in words."""
+    if not isinstance(crossing, Mapping):
+        return str(crossing)
+    words = [str(crossing.get("detector", crossing.get("name", "")))]
+    if "cell" in crossing:
+        words.append(f"cell {_text(crossing['cell'])}")
+    if "registered" in crossing:
+        words.append("registered" if crossing["registered"] else "not registered")
+    if crossing.get("cosine") is not None:
+        words.append(f"cosine {_text(crossing['cosine'])}")
     return ", ".join(words)
 
 

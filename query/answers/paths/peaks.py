@@ -35,7 +35,7 @@ def registrations(found: Found, number: int, detector: int) -> tuple[Ints, NDArr
     rays = np.flatnonzero(found.masks[number])
     context = found.context(None if len(rays) == found.portion.n_rays else rays)
     hits = np.flatnonzero((context.detector == detector) & context.registered)
-    owner = np.searchsorted(context.ray_meeting_offsets, hits, side="right") - 1
+    owner = np.searchsorted(context.ray_crossing_offsets, hits, side="right") - 1
     rows = context.descriptor_rows
     descriptors: NDArray[np.int64] = hits if rows is None else rows[hits].astype(np.int64)
     return rays[owner], descriptors

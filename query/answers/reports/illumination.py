@@ -121,8 +121,8 @@ def _lights(
         # Seen: walk back from each registration to the scattering before it.
         for last in range(begin, end):
             arrived = False
-            for meeting in range(paths.meeting_offsets[last], paths.meeting_offsets[last + 1]):
-                if paths.registered[meeting] and wanted[paths.detector[meeting]]:
+            for crossing in range(paths.crossing_offsets[last], paths.crossing_offsets[last + 1]):
+                if paths.registered[crossing] and wanted[paths.detector[crossing]]:
                     arrived = True
             if not arrived:
                 continue

@@ -28,7 +28,7 @@ def report(map: RayMap, ray_id: int) -> dict[str, Any]:
     dict
         ``ray_id``, ``source``, ``flux`` at its end, ``weight`` and ``points``: for each point
         position, object, face, triangle, events, normal, angle of incidence, and of the segment
-        that starts there medium, refractive index, length, colour, spectrum and detector meetings;
+        that starts there medium, refractive index, length, colour, spectrum and detector crossings;
         further columns of the map by name, and ``polarisation`` (degree, angle_deg, axis_ratio,
         handedness) beside Stokes parameters
 
@@ -111,7 +111,7 @@ def _point(
         "length": None if is_last else _length(ray, row),
         "color": _color(shares, channel_set),
         "spectrum": dict(zip(channel_set.labels, shares, strict=True)),
-        "detectors": _meetings(ray, row, directory),
+        "detectors": _crossings(ray, row, directory),
         **_polarisation(ray, row, is_last),
         **{
             name: column[row].tolist()
@@ -182,8 +182,8 @@ def _color(shares: list[float], channel_set: ChannelSet) -> list[float]:
     return [float(x) for x in (rgb / top if top > 0 else rgb)]
 
 
-def _meetings(ray: Portion, row: int, directory: Directory) -> list[dict[str, Any]]:
-    """Meetings of the segment that starts here with detectors."""
+def _crossings(ray: Portion, row: int, directory: Directory) -> list[dict[str, Any]]:
+    """Crossings of the segment that starts here and detectors."""
     begin = int(ray.descriptor_count[:row].sum())
     end = begin + int(ray.descriptor_count[row])
     found = ray.descriptors

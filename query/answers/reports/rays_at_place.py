@@ -1,6 +1,6 @@
 """The rays of a selection at a face, an object or a detector: light for a source elsewhere.
 
-Every meeting of a selected ray with the place gives one ray with the flux that it carries there, so
+Every crossing of the place by a selected ray gives one ray with the flux that it carries there, so
 that the fluxes of all of them add up to what the place receives, as a detector there would count.
 """
 
@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from query.answers.selections.selection import Selection
     from raymap.file.reader import RayMap
 
-__all__ = ["Coloring", "Meetings", "rays_at", "write_ray_file"]
+__all__ = ["Coloring", "Crossings", "rays_at", "write_ray_file"]
 
-Meetings = Literal["all", "first", "last"]
+Crossings = Literal["all", "first", "last"]
 Coloring = Literal["auto", "wavelength", "xyz", "none"]
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -42,7 +42,7 @@ def rays_at(
     at: str,
     *,
     leaving: bool = False,
-    meetings: Meetings = "all",
+    crossings: Crossings = "all",
     before: float = 0.0,
     color: Coloring = "auto",
     seed: int = 0,
@@ -55,7 +55,7 @@ def rays_at(
     at : a detector, an object, a face, with wildcards as in criteria. At a detector the rays that
         it registers count
     leaving : rays as they leave the surface instead of as they arrive
-    meetings : every meeting of a ray with the place, or its first or last one only
+    crossings : every crossing of the place by a ray, or its first or last one only
     before : how far before the place arriving rays start [scene unit]; never before the point
         where they come from
     color : "wavelength": each ray gets one wavelength, drawn from its colour; "xyz": tristimulus
@@ -78,8 +78,8 @@ def rays_at(
     for index, rays in selection.parts():
         stored = ray_map.portions[index]
         offsets = stored.record_offsets()
-        end, owner = _meetings_of(stored, place, rays, offsets, leaving)
-        chosen = _choose(owner, meetings)
+        end, owner = _crossings_of(stored, place, rays, offsets, leaving)
+        chosen = _choose(owner, crossings)
         end, owner = end[chosen], owner[chosen]
         random = np.random.default_rng([seed, index])
         light = ray_map.photometry(stored.channel_set)
@@ -186,7 +186,7 @@ def _find_place(ray_map: RayMap, at: str, leaving: bool) -> _Place:
     return _Place(detector=index, center=np.array(detector.center), normal=normal)
 
 
-def _meetings_of(
+def _crossings_of(
     stored: Any, place: _Place, rays: Ints, offsets: Ints, leaving: bool
 ) -> tuple[Ints, Ints]:
     """Records at which selected rays meet the place, and their rays, ray after ray.
@@ -211,11 +211,11 @@ def _meetings_of(
     return found, owner[found]
 
 
-def _choose(owner: Ints, meetings: Meetings) -> Any:
-    if meetings == "all" or not len(owner):
+def _choose(owner: Ints, crossings: Crossings) -> Any:
+    if crossings == "all" or not len(owner):
         return slice(None)
     changes = np.flatnonzero(np.diff(owner)) + 1
-    if meetings == "first":
+    if crossings == "first":
         return np.concatenate(([0], changes))
     return np.append(changes - 1, len(owner) - 1)
 
@@ -244,7 +244,7 @@ def _lines(
 
 @dataclass(frozen=True, eq=False)
 class _Palette:
-    """What the light of each meeting is, of a watt of its source's flux per ray.
+    """What the light of each crossing is, of a watt of its source's flux per ray.
 
     Attributes
     ----------
@@ -277,22 +277,22 @@ def _ray_set(
     direction: Floats,
     watt: Floats,
     palette: _Palette,
-    meetings: NDArray[np.int64],
+    crossings: NDArray[np.int64],
     color: Coloring,
     random: np.random.Generator,
 ) -> RaySet:
     directory = ray_map.directory
     wavelength = xyz = None
-    flux = watt * palette.flux[meetings]
+    flux = watt * palette.flux[crossings]
     if color == "wavelength":
         # Draw a channel in proportion to its share of the flux
         levels = np.cumsum(palette.by_channel, axis=1)
-        drawn = (random.random(len(meetings))[:, None] >= levels[meetings, :-1]).sum(axis=1)
+        drawn = (random.random(len(crossings))[:, None] >= levels[crossings, :-1]).sum(axis=1)
         wavelength = narrow(palette.wavelength_nm[drawn])
     elif color == "xyz":
         if directory.flux_unit != "lm":
             raise RayMapError("tristimulus values go with flux in lumen; this map is in watt")
-        values = palette.xyz[meetings] * watt[:, None]
+        values = palette.xyz[crossings] * watt[:, None]
         values[:, 1] = flux
         xyz = narrow(values)
     return RaySet(

@@ -29,7 +29,7 @@ def warm_up(map: RayMap, criterion: object) -> None:
 def _first_path(paths: PathDictionary) -> PathDictionary:
     """A dictionary of the first path alone."""
     n_points = int(paths.offsets[1])
-    n_meetings = int(paths.detector_offsets[n_points])
+    n_crossings = int(paths.detector_offsets[n_points])
     return PathDictionary(
         source=paths.source[:1],
         offsets=paths.offsets[:2],
@@ -38,8 +38,8 @@ def _first_path(paths: PathDictionary) -> PathDictionary:
         event=paths.event[:n_points],
         medium=paths.medium[:n_points],
         detector_offsets=paths.detector_offsets[: n_points + 1],
-        detector=paths.detector[:n_meetings],
-        registered=paths.registered[:n_meetings],
+        detector=paths.detector[:n_crossings],
+        registered=paths.registered[:n_crossings],
         rays=paths.rays[:1],
         sum_w=paths.sum_w[:1],
         sum_w2=paths.sum_w2[:1],

@@ -98,7 +98,9 @@ def test_reports_hold_what_the_rays_hold(map: Any) -> None:
                 assert point["incidence_deg"] is None
             else:
                 assert point["incidence_deg"] == pytest.approx(angle, abs=1e-5)
-            assert [met["registered"] for met in point["detectors"]] == [m[1] for m in own.meetings]
+            assert [met["registered"] for met in point["detectors"]] == [
+                m[1] for m in own.crossings
+            ]
             assert sum(point["spectrum"].values()) == pytest.approx(1, abs=1e-4)
     with pytest.raises(RayNotFound):
         query.report(map, 10**9)

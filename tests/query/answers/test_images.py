@@ -23,7 +23,7 @@ def test_pictures_are_sums_over_registrations(map: Any) -> None:
         flux, rays = np.zeros((height, width)), np.zeros((height, width))
         for ray in rays_of(map) if criterion is None else matching(map, criterion):
             for point in ray.points:
-                for detector, registered, uv in point.meetings:
+                for detector, registered, uv in point.crossings:
                     if detector == 0 and registered:
                         cell = [
                             min(uv[k] * n // 65535, n - 1) for k, n in enumerate((width, height))

@@ -139,11 +139,11 @@ def test_arriving_at_and_leaving_a_face(watt: Path) -> None:
     assert lost == pytest.approx(absorbed.flux, rel=1e-4)
 
 
-def test_first_and_last_meetings(watt: Path) -> None:
+def test_first_and_last_crossings(watt: Path) -> None:
     with raymap.open(watt) as ray_map:
         selection = query.select(ray_map, 'hit("plate")')
-        for meetings in ("first", "last"):
-            rays = collect(ray_map, "plate", meetings=meetings)
+        for crossings in ("first", "last"):
+            rays = collect(ray_map, "plate", crossings=crossings)
             assert len(rays) == selection.matched
         assert len(collect(ray_map, "plate")) > selection.matched
 

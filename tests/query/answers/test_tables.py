@@ -180,7 +180,7 @@ def test_illuminated_and_critical_objects(map: Any) -> None:
             if not any(p.event & scattered for p in points[1:k]):
                 mine[0].add(point.object)
             for end in range(k, len(points)):
-                arrives = any(m[0] == 0 and m[1] for m in points[end].meetings)
+                arrives = any(m[0] == 0 and m[1] for m in points[end].crossings)
                 if arrives and not any(p.event & scattered for p in points[k + 1 : end + 1]):
                     mine[1].add(point.object)
                     before = sum(bool(p.event & scattered) for p in points[1:k])

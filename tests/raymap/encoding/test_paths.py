@@ -17,22 +17,22 @@ from tests.raymap.maps import RGB, portion_at, small_directory, write_small
 def _key(portion, faces, ray):
     """The itinerary of one ray, spelled out."""
     start = int(portion.records_per_ray[:ray].sum())
-    meeting = int(portion.descriptor_count[:start].sum())
+    crossing = int(portion.descriptor_count[:start].sum())
     key = [int(portion.source[ray])]
     for i in range(start, start + int(portion.records_per_ray[ray])):
         n = int(portion.descriptor_count[i])
         d = portion.descriptors
-        meetings = tuple(
-            (int(d.detector[k]), bool(d.registered[k])) for k in range(meeting, meeting + n)
+        crossings = tuple(
+            (int(d.detector[k]), bool(d.registered[k])) for k in range(crossing, crossing + n)
         )
-        meeting += n
+        crossing += n
         key.append(
             (
                 int(portion.object[i]),
                 int(faces[i]),
                 int(portion.event[i]),
                 int(portion.medium[i]),
-                meetings,
+                crossings,
             )
         )
     return tuple(key)
@@ -41,7 +41,7 @@ def _key(portion, faces, ray):
 def _path_key(paths, number):
     key = [int(paths.source[number])]
     for i in range(paths.offsets[number], paths.offsets[number + 1]):
-        meetings = tuple(
+        crossings = tuple(
             (int(paths.detector[k]), bool(paths.registered[k]))
             for k in range(paths.detector_offsets[i], paths.detector_offsets[i + 1])
         )
@@ -51,7 +51,7 @@ def _path_key(paths, number):
                 int(paths.face[i]),
                 int(paths.event[i]),
                 int(paths.medium[i]),
-                meetings,
+                crossings,
             )
         )
     return tuple(key)

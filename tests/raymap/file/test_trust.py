@@ -77,7 +77,7 @@ def _lie(seed, where):
         for name in ("object", "face", "event", "medium", "meetings"):
             column = footer[f"path.{name}"]
             column.values = column.values[order]
-        _swap_meetings(footer, order)
+        _swap_crossings(footer, order)
     elif where == "numbers":
         numbers = footer["local_to_global"].values
         numbers[[0, 1]] = numbers[[1, 0]]
@@ -104,7 +104,7 @@ def _swapped_points(lengths, a, b):
     return np.concatenate([np.arange(offsets[p], offsets[p + 1]) for p in places])
 
 
-def _swap_meetings(footer, order):
+def _swap_crossings(footer, order):
     before = np.empty(len(order), np.int64)
     before[order] = footer["path.meetings"].values
     offsets = np.concatenate(([0], np.cumsum(before, dtype=np.int64)))
@@ -386,7 +386,7 @@ def test_a_map_without_channels_is_refused_where_light_is_asked_for(tmp_path):
         ray_map.photometry(0)
 
 
-def test_meetings_in_cells_that_do_not_exist_are_damage(tmp_path):
+def test_crossings_in_cells_that_do_not_exist_are_damage(tmp_path):
     path = tmp_path / "a.raymap"
     write_small(path, n_portions=1, n_rays=20)
     seed = Seed("a", path)

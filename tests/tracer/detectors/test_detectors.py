@@ -244,9 +244,9 @@ cells = {cells}
     measure = cell_measure(entry, "m")
     assert measure is not None
     assert measure.values.sum() == pytest.approx(area, rel=2e-3)
-    meetings = found.portion.descriptors
+    crossings = found.portion.descriptors
     counts = np.zeros((cells[1], cells[0]))
-    np.add.at(counts, (meetings.cell[:, 1], meetings.cell[:, 0]), 1.0)
+    np.add.at(counts, (crossings.cell[:, 1], crossings.cell[:, 0]), 1.0)
     # A ray meets a face several times: the counts spread a little more than independent ones
     shares = measure.values / measure.values.sum()
     excess = ((counts - counts.sum() * shares) ** 2)[shares > 0] / (

@@ -76,7 +76,7 @@ def test_branches_of_an_emission_carry_all_its_light() -> None:
     np.testing.assert_allclose(total, 1.0, atol=2e-6)
     assert portion.n_rays > 10 * 200
     assert portion.emitted.sum() == 200
-    # Meetings inside the lenses are recorded like any others
+    # Hits inside the lenses are recorded like any others
     last = np.cumsum(portion.records_per_ray) - 1
     seen = portion.event[last]
     for ending in ("LEFT_SCENE", "SURFACE_ABSORPTION", "VOLUME_ABSORPTION", "DEPTH_LIMIT"):

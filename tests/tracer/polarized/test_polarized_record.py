@@ -299,13 +299,13 @@ def test_a_lens_of_ordinary_faces_has_the_fluxes_of_the_primitive(states: str) -
     inner = np.hypot(beam_rays.origin[:, 0], beam_rays.origin[:, 1]) < 12.0
     shares = level_shares(lens, beam_rays.where(inner), depth=8).share
     first, last = ends(portion)
-    # Rays that left after k meetings, all of them with the lens
-    meetings = portion.records_per_ray - 2
+    # Rays that left after k hits, all of them with the lens
+    hits = portion.records_per_ray - 2
     left = portion.event[last] & int(Event.LEFT_SCENE) != 0
     assert portion.weight is not None
     weight = portion.weight.astype(float)
     for level in (1, 2, 3, 4):
-        at = left & (meetings == level)
+        at = left & (hits == level)
         found = weight[at].sum() / n
         error = math.sqrt((weight[at] ** 2).sum()) / n
         assert abs(found - shares[level - 1]) < 4.5 * error + 1e-4

@@ -68,7 +68,7 @@ faces = {{ z_min = "{surface}" }}
 """
 
 
-def first_meeting(portion: Portion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def first_hit(portion: Portion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Second record of every ray, its events, and the weights."""
     first = np.cumsum(portion.records_per_ray) - portion.records_per_ray
     assert portion.weight is not None
@@ -76,8 +76,8 @@ def first_meeting(portion: Portion) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def shares(portion: Portion, *events: int) -> list[tuple[float, float]]:
-    """Flux of the rays whose first meeting has one of the events, with its standard error."""
-    _, met, weight = first_meeting(portion)
+    """Flux of the rays whose first hit has one of the events, with its standard error."""
+    _, met, weight = first_hit(portion)
     found = []
     for bits in events:
         one = np.where(met & bits != 0, weight, 0.0)
@@ -124,7 +124,7 @@ def test_a_stack_has_the_amplitudes_of_tmm(nm: float) -> None:
         # The state of what is reflected
         if angle > 0.0:
             portion = traced(STACK + half_space("stack") + lamp(angle, "both", f"{nm}"), 200)
-            at, met, _ = first_meeting(portion)
+            at, met, _ = first_hit(portion)
             stokes = portion.extra["stokes"][at[met & BACK != 0]].astype(float)
             r_s, r_p = peer["s"]["r"], peer["p"]["r"]
             np.testing.assert_allclose(
@@ -194,7 +194,7 @@ def test_a_metal_at_75_degrees(part: str, right: float) -> None:
 def test_a_metal_makes_elliptical_light() -> None:
     theta = math.radians(70.0)
     portion = traced(METAL + lamp(70.0, "both"), 500)
-    at, met, _ = first_meeting(portion)
+    at, met, _ = first_hit(portion)
     stokes = portion.extra["stokes"][at[met & BACK != 0]].astype(float)
     # Fresnel with n + i k, from the equations
     m, c = 2.9 + 3.1j, math.cos(theta)
@@ -260,7 +260,7 @@ surface = "clear"
         "distance = 5", "distance = 1"
     )
     portion = traced(text, 50)
-    at, met, _ = first_meeting(portion)
+    at, met, _ = first_hit(portion)
     assert np.all(met & int(Event.TIR) != 0)
     assert np.all(portion.event[at + 1] & int(Event.TIR) != 0)
     after_one, after_two = portion.extra["stokes"][at], portion.extra["stokes"][at + 1]
@@ -374,7 +374,7 @@ def test_a_retarder_between_crossed_polarisers(retardance: float) -> None:
 def test_a_quarter_wave_plate_makes_circular_light() -> None:
     text = sheet("retarder", "slow = [1, 1, 0]\nretardance_nm = 137.5", 1.0, "wave")
     portion = traced(text + lamp(0.0, "s"), 20)
-    at, _, weight = first_meeting(portion)
+    at, _, weight = first_hit(portion)
     np.testing.assert_allclose(np.abs(portion.extra["stokes"][at, 2]), 1.0, atol=1e-6)
     np.testing.assert_allclose(weight, 1.0)
 
@@ -423,7 +423,7 @@ def test_nearly_smooth_facets_are_the_smooth_surface(part: str) -> None:
 @pytest.mark.parametrize("part", ["s", "p"])
 def test_rough_glass_keeps_the_light(part: str) -> None:
     text = ROUGH_GLASS.replace("ALPHA", "0.4") + half_space("ground") + lamp(60.0, part)
-    _, _, weight = first_meeting(traced(text, 60_000))
+    _, _, weight = first_hit(traced(text, 60_000))
     assert abs(weight.mean() - 1.0) < 4.0 * weight.std() / math.sqrt(len(weight))
 
 
@@ -499,7 +499,7 @@ def test_rays_of_mixed_colour_go_on_in_one_channel() -> None:
     first = np.cumsum(portion.records_per_ray) - portion.records_per_ray
     channel = portion.color_code[first]
     assert set(channel.tolist()) == {0, 1}
-    _, met, weight = first_meeting(portion)
+    _, met, weight = first_hit(portion)
     c = math.cos(math.radians(70.0))
     for k, m in enumerate((1.2 + 1.8j, 0.15 + 3.5j)):
         root = cmath.sqrt(1.0 - (math.sin(math.radians(70.0)) / m) ** 2)

@@ -156,8 +156,8 @@ cone_deg = 75
 """
 
 
-def test_recorded_meetings_follow_the_stated_law(tmp_path: Path) -> None:
-    """What a map records at first meetings, against the law that it states, angle by angle."""
+def test_recorded_hits_follow_the_stated_law(tmp_path: Path) -> None:
+    """What a map records at first hits, against the law that it states, angle by angle."""
     path = tmp_path / "plate.raymap"
     tracer.record(tracer.parse_scene(PLATE), path, rays=20_000, seed=3)
     with raymap.open(path) as ray_map:

@@ -17,7 +17,7 @@ from tracer.geometry.shape_columns import ShapeColumns
 from tracer.geometry.shapes import Annulus, Cylinder, Polygon, Rectangle, Shape, SphereCap
 from tracer.scene.arrangement import candidates
 from tracer.scene.arrangement.coincident_faces import find_coincident_faces
-from tracer.scene.box_pairs import meeting_boxes
+from tracer.scene.box_pairs import overlapping_boxes
 from tracer.scene.checks import check_lenses, on_common_axis
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import parse_scene
@@ -67,7 +67,7 @@ def test_pairs_of_boxes_are_those_of_comparing_each_with_each(n: int, seed: int)
     if seed % 3 == 2:  # long ones
         half[:, seed % 2] *= 40.0
     low, high = middle - half, middle + half
-    found = [pair for ones, others in meeting_boxes(low, high, 1e-9)
+    found = [pair for ones, others in overlapping_boxes(low, high, 1e-9)
              for pair in zip(ones.tolist(), others.tolist(), strict=True)]  # fmt: skip
     meets = (np.maximum(low[:, None], low) <= np.minimum(high[:, None], high) + 1e-9).all(axis=2)
     expected = set(zip(*(k.tolist() for k in np.nonzero(np.triu(meets, 1))), strict=True))

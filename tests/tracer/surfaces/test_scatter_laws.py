@@ -77,7 +77,7 @@ def text(
 
 
 def shares(scene: str, n: int) -> dict[str, tuple[float, float]]:
-    """What becomes of the light at its first meeting, with standard errors."""
+    """What becomes of the light at its first hit, with standard errors."""
     compilation = compiled(scene)
     found = Trace(compilation, Wavefront(compilation.arrays, 3, weighted=True).trace(0, n))
     portion = found.portion

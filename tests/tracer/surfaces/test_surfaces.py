@@ -51,7 +51,7 @@ def meet(surface: str, n_rays: int, *, angle_deg: float = 30.0, solid: bool = Fa
 
 
 def first_event(found: Trace) -> np.ndarray:
-    """Event bits at the first meeting of every ray."""
+    """Event bits at the first hit of every ray."""
     return found.portion.event[found.offsets[:-1] + 1]
 
 

@@ -1,4 +1,4 @@
-"""A rough face without geometry: every meeting draws its own local normal.
+"""A rough face without geometry: every hit draws its own local normal.
 
 The normal's tilt theta_m follows a distribution p(theta_m) with p cos(theta_m) normalised over the
 hemisphere, seen from the ray: facets count with the area that they turn towards it. The

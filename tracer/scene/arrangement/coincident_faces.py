@@ -25,7 +25,7 @@ from tracer.geometry.kinds import (
 )
 from tracer.geometry.shape_columns import ShapeColumns
 from tracer.scene.arrangement.open_surfaces import open_surfaces_overlap
-from tracer.scene.box_pairs import meeting_boxes
+from tracer.scene.box_pairs import overlapping_boxes
 
 __all__ = ["find_coincident_faces"]
 
@@ -83,7 +83,7 @@ def _near_pairs(
     mark, width = _marks(shapes, known, reach)
     low = np.column_stack([shapes.low[known] - reach, mark - width])
     high = np.column_stack([shapes.high[known] + reach, mark + width])
-    for one, other in meeting_boxes(low, high):
+    for one, other in overlapping_boxes(low, high):
         a, b = known[one], known[other]
         meets = owner[a] != owner[b]
         meets &= (shapes.low[b] <= shapes.high[a] + reach).all(axis=1)

@@ -73,9 +73,9 @@ def warn_of_coincident_triangles(
         many = "1 triangle" if count == 1 else f"{count} triangles"
         warnings.warn(
             f"{place}: bodies {mesh!r} and {other!r} coincide along {many} of {mesh!r}: light "
-            "meets both faces in the order of rounding, or a film of what is outside between them; let "  # noqa: E501 FIX
-            "them overlap by a micrometre (at a curved face by more than the triangles stand off "
-            "it), and give one of them a higher priority",
+            "meets both faces in the order of rounding, or a film of what is outside between them; "
+            "let them overlap by a micrometre (at a curved face by more than the triangles stand "
+            "off it), and give one of them a higher priority",
             CoincidentTriangles,
             stacklevel=4,
         )

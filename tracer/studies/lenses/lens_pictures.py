@@ -112,7 +112,7 @@ def lens_picture(
     color : "spectral": ``spectral_samples`` wavelengths from 400 to 700 nm under D65, each with its
         index; "rgb": three channels that share the index at the d line, hence no coloured fringes
     rules : Fresnel's equations for natural light, exact over the whole tree, or Schlick's
-        approximation at every meeting
+        approximation at every hit
     analyser_deg : angle from x that an analyser before the camera lets through; None for no
         analyser. The share of unpolarised light counts half of the light as passed at best
     depth : of the trees

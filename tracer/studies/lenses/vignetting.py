@@ -29,7 +29,7 @@ class Vignetting:
     rim_later : (n,) share whose tree meets the rim after a reflection inside
     transmitted : (n,) share of the *rays* that is directly transmitted (level 2)
     flux : (n,) share of the flux that is directly transmitted, unpolarised
-    rim_hits : (n,) meetings with the rim in all
+    rim_hits : (n,) hits of the rim in all
     """
 
     field_deg: Real

@@ -40,8 +40,8 @@ from tracer.surfaces.interaction import (
     Optics,
     Way,
 )
-from tracer.surfaces.meeting import meet_by_kind, meet_surface
 from tracer.surfaces.mirror import reflect_at_mirror
+from tracer.surfaces.surface_hit import meet_by_kind, meet_surface
 from tracer.transport.splitting import SplitRays
 from tracer.transport.weighted.balance import Flight, aim_scattered, roulette
 from tracer.transport.weighted.ray import Weighted, WeightedRay

@@ -24,7 +24,7 @@ class WeightedRay(NamedTuple):
 
 
 Weighted = tuple[int, bool, float, float, float, int, np.uint64, float]
-"""A `tracer.surfaces.interaction.Meeting`, and the weight with which the ray goes on."""
+"""A `tracer.surfaces.interaction.Interaction`, and the weight with which the ray goes on."""
 
 
 @inline_kernel

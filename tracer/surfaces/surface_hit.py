@@ -15,9 +15,9 @@ from tracer.surfaces.interaction import (
     ABSORBED,
     MEET,
     Hit,
+    Interaction,
     Interface,
     Light,
-    Meeting,
     Optics,
     Way,
 )
@@ -32,7 +32,7 @@ _meet = MEET.call
 @inline_kernel
 def meet_surface(
     optics: Optics, tables: F64 | None, at: Interface, way: Way, light: Light, follow: int
-) -> Meeting:
+) -> Interaction:
     """Let a ray meet a surface. The compiler leaves out what no scene without ``tables`` needs."""
     kind = optics.surface_i[at.surface, S_KIND]
     if kind == DIELECTRIC:
@@ -52,7 +52,7 @@ def meet_surface(
 
 
 @inner_kernel
-def meet_by_kind(optics: Optics, at: Interface, way: Way, light: Light) -> Meeting:
+def meet_by_kind(optics: Optics, at: Interface, way: Way, light: Light) -> Interaction:
     """Ask the kind of the surface."""
     # Local frame: z along the normal on the side of the incident ray
     nx, ny, nz = way.nx, way.ny, way.nz

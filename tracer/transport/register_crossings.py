@@ -1,4 +1,4 @@
-"""Meetings of segments with detectors: planes, faces, far fields, cameras."""
+"""Crossings of segments and detectors: planes, faces, far fields, cameras."""
 
 from __future__ import annotations
 
@@ -80,8 +80,8 @@ class Descriptors(NamedTuple):
     """Where descriptors are written, columns of `tracer.transport.buffers.Buffers`."""
 
     words: I32
-    meetings: I32
-    meeting_t: F64
+    crossings: I32
+    crossing_t: F64
     counters: I64
 
 
@@ -263,7 +263,7 @@ def _register_on_plane(
     detectors: Detectors, d: int, segment: Segment, x: float, y: float, z: float,
     descriptors: Descriptors,
 ) -> int:  # fmt: skip
-    """Register a meeting with a blocking plane; event bits of that point."""
+    """Register a crossing of a blocking plane; event bits of that point."""
     s = detectors.detector_f[d]
     px, py, pz = x - s[0], y - s[1], z - s[2]
     u = min(1.0, max(0.0, (px * s[3] + py * s[4] + pz * s[5]) / s[12] + 0.5))
@@ -280,21 +280,21 @@ def _describe(
     descriptors: Descriptors,
 ) -> bool:  # fmt: skip
     """Write a descriptor and sum it up in the record of its segment; True if it registers."""
-    words, meetings = descriptors.words, descriptors.meetings
+    words, crossings = descriptors.words, descriptors.crossings
     facing = abs(cosine) if detectors.detector_f[d, 15] > 0.0 else cosine
     registered = facing > 0.0 and facing >= detectors.detector_f[d, 14]
     n_u, n_v = detectors.detector_i[d, D_CELLS_U], detectors.detector_i[d, D_CELLS_V]
     cell_u = min(n_u - 1, np.int64(u * n_u))
     cell_v = min(n_v - 1, np.int64(v * n_v))
     k = descriptors.counters[DESCRIPTORS]
-    meetings[k, D_DETECTOR] = d
-    meetings[k, D_CELL] = cell_u | (cell_v << 16)
-    meetings[k, D_UV] = np.int64(u * 65535.0 + 0.5) | (np.int64(v * 65535.0 + 0.5) << 16)
-    meetings[k, D_COSINE] = np.int64(math.floor(cosine * 32767.0 + 0.5))
-    meetings[k, D_REGISTERED] = registered
-    meetings[k, D_PREVIOUS] = words[record, CHAIN]
-    meetings[k, D_RECORD] = record
-    descriptors.meeting_t[k] = t
+    crossings[k, D_DETECTOR] = d
+    crossings[k, D_CELL] = cell_u | (cell_v << 16)
+    crossings[k, D_UV] = np.int64(u * 65535.0 + 0.5) | (np.int64(v * 65535.0 + 0.5) << 16)
+    crossings[k, D_COSINE] = np.int64(math.floor(cosine * 32767.0 + 0.5))
+    crossings[k, D_REGISTERED] = registered
+    crossings[k, D_PREVIOUS] = words[record, CHAIN]
+    crossings[k, D_RECORD] = record
+    descriptors.crossing_t[k] = t
     descriptors.counters[DESCRIPTORS] = k + 1
     words[record, CHAIN] = k
     words[record, COUNT] += 1

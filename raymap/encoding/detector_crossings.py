@@ -15,9 +15,9 @@ from raymap.model.errors import FormatError
 from raymap.model.schema import NORMAL_SCALE, UV_SCALE
 
 __all__ = [
-    "CheckedMeetings",
+    "CheckedCrossings",
     "DetectorTable",
-    "FoldedMeetings",
+    "FoldedCrossings",
     "compile_detectors",
 ]
 
@@ -31,7 +31,7 @@ class DetectorTable(NamedTuple):
     Attributes
     ----------
     frames : (n, 11) center, axis u, axis v, width, height
-    flat : (n,) uint8, 1 where the place of a meeting is where the segment crosses the rectangle
+    flat : (n,) uint8, 1 where the place of a crossing is where the segment crosses the rectangle
     cells : (n, 2) int64
     """
 
@@ -41,8 +41,8 @@ class DetectorTable(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CheckedMeetings:
-    """Meetings in cells that their detectors have; `check` alone makes them.
+class CheckedCrossings:
+    """Crossings in cells that their detectors have; `check` alone makes them.
 
     Attributes
     ----------
@@ -56,31 +56,31 @@ class CheckedMeetings:
     @staticmethod
     def check(
         detector: NDArray[np.int16], cell: NDArray[np.uint16], table: DetectorTable
-    ) -> CheckedMeetings:
-        """Meetings that compiled loops may count.
+    ) -> CheckedCrossings:
+        """Crossings that compiled loops may count.
 
         Raises
         ------
         FormatError
-            A meeting is with a detector, or in a cell, that there is not.
+            A crossing is of a detector, or in a cell, that there is not.
         """
         n = len(detector)
         if cell.shape != (n, 2):
-            raise FormatError(f"cells {cell.shape} of {n} meetings")
+            raise FormatError(f"cells {cell.shape} of {n} crossings")
         if n and not 0 <= int(detector.min()) <= int(detector.max()) < len(table.cells):
-            raise FormatError("a meeting is with a detector that the directory does not have")
+            raise FormatError("a crossing is of a detector that the directory does not have")
         if not _cells_fit(detector, cell, table.cells):
-            raise FormatError("a meeting is in a cell that its detector does not have")
-        return CheckedMeetings(detector, cell)
+            raise FormatError("a crossing is in a cell that its detector does not have")
+        return CheckedCrossings(detector, cell)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FoldedMeetings:
-    """Meetings of which is stored how far they are off where the segments cross; `check` alone.
+class FoldedCrossings:
+    """Crossings of which is stored how far they are off where the segments cross; `check` alone.
 
     Attributes
     ----------
-    counts : (n_records,) meetings of the segment that starts at each record
+    counts : (n_records,) crossings of the segment that starts at each record
     detector : (n,) rows of the table
     position : (n_records, 3)
     folded : (5, n) residuals
@@ -100,8 +100,8 @@ class FoldedMeetings:
         position: NDArray[np.float32],
         folded: NDArray[np.uint16],
         table: DetectorTable,
-    ) -> FoldedMeetings:
-        """Meetings that compiled loops may unfold.
+    ) -> FoldedCrossings:
+        """Crossings that compiled loops may unfold.
 
         Raises
         ------
@@ -110,12 +110,12 @@ class FoldedMeetings:
         """
         n = len(detector)
         if folded.shape != (5, n) or int(counts.sum(dtype=np.int64)) != n:
-            raise FormatError(f"residuals {folded.shape} of {n} meetings")
+            raise FormatError(f"residuals {folded.shape} of {n} crossings")
         if position.shape != (len(counts), 3):
             raise FormatError(f"positions {position.shape} of {len(counts)} records")
         if n and not 0 <= int(detector.min()) <= int(detector.max()) < len(table.flat):
-            raise FormatError("a meeting is with a detector that the directory does not have")
-        return FoldedMeetings(counts, detector, position, folded, table)
+            raise FormatError("a crossing is of a detector that the directory does not have")
+        return FoldedCrossings(counts, detector, position, folded, table)
 
     def unfold(
         self, *, reverse: bool
@@ -124,7 +124,7 @@ class FoldedMeetings:
         n = len(self.detector)
         cell, uv = np.empty((n, 2), np.uint16), np.empty((n, 2), np.uint16)
         cosine = np.empty(n, np.int16)
-        _decode_meetings(
+        _decode_crossings(
             self.counts, self.detector, self.position, *self.table, reverse, self.folded,
             cell, cosine, uv,
         )  # fmt: skip
@@ -199,7 +199,7 @@ def _unfold(code: np.uint16, predicted: int) -> int:
 
 
 @lean_kernel
-def _decode_meetings(
+def _decode_crossings(
     counts: NDArray[np.uint16],
     detector: NDArray[np.int16],
     position: NDArray[np.float32],
@@ -212,7 +212,7 @@ def _decode_meetings(
     cosine: NDArray[np.int16],
     uv: NDArray[np.uint16],
 ) -> None:
-    """Meetings from their residuals against where segments cross flat detectors."""
+    """Crossings from their residuals against where segments cross flat detectors."""
     k = 0
     for i in range(counts.size):
         for _ in range(counts[i]):
@@ -236,7 +236,7 @@ def _decode_meetings(
 def _cells_fit(
     detector: NDArray[np.int16], cell: NDArray[np.uint16], cells: NDArray[np.int64]
 ) -> bool:
-    """Whether every meeting is in a cell of its detector; detectors are within the table."""
+    """Whether every crossing is in a cell of its detector; detectors are within the table."""
     for k in range(detector.size):
         d = detector[k]
         if cell[k, 0] >= cells[d, 0] or cell[k, 1] >= cells[d, 1]:
