@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from viewer.drawn.state import Camera, Clip, Section, ViewState, load_state, save_state
     from viewer.export import export_3d
     from viewer.paint.charts import chart
-    from viewer.paint.pyvista_view import plotter
     from viewer.paint.rendering import picture
+    from viewer.view.plotting import plotter
 
 _HOME = {
     "Camera": "viewer.drawn.state",
@@ -25,7 +25,7 @@ _HOME = {
     "export_3d": "viewer.export",
     "load_state": "viewer.drawn.state",
     "picture": "viewer.paint.rendering",
-    "plotter": "viewer.paint.pyvista_view",
+    "plotter": "viewer.view.plotting",
     "save_state": "viewer.drawn.state",
     "view": "viewer.app.server",
 }

@@ -233,11 +233,13 @@ def view(
     criterion: Annotated[
         str | None, typer.Option("--criterion", "-c", help="Begin with this criterion.")
     ] = None,
+    window: Annotated[
+        bool, typer.Option("--window", help="The scene alone, in a window (PyVista).")
+    ] = False,
 ) -> None:
     """Open the application in the browser: scene, rays, detectors, paths and reports."""
     from dataclasses import replace
 
-    from viewer.app.server import serve
     from viewer.drawn.answers import check_criterion
     from viewer.drawn.state import ViewState, load_state
 
@@ -246,4 +248,11 @@ def view(
         if criterion is not None:
             check_criterion(ray_map, criterion)
             state = replace(state, criterion=criterion)
+        if window:
+            from viewer.view.window import open_window
+
+            open_window(ray_map, state).plotter.show()
+            return
+        from viewer.app.server import serve
+
         serve(ray_map, state=state, port=port, browser=not no_browser)

@@ -162,7 +162,7 @@ def _in_application(ray_map: raymap.RayMap, _: Path) -> None:
         session.objects,
         lambda: session.frame(64, 48, 1.0, coarse=False),
         lambda: session.pick(32, 24, 64, 48),
-        lambda: session.hover(32, 24, 64, 48),
+        lambda: session.scene(64, 48).message({}),
     )
     for question in asked:
         with contextlib.suppress(raymap.RayMapError):

@@ -6,7 +6,7 @@ from typing import Any
 
 from viewer.app.core import LOOK, RAY_STEPS, Core
 from viewer.app.session import MOST_PIXELS_ACROSS
-from viewer.drawn.state import Clip, StateError, state_to_address
+from viewer.drawn.state import Camera, Clip, StateError, read_camera, state_to_address
 from viewer.panels.scene import section_fields, section_of
 
 __all__ = ["SceneActions"]
@@ -56,19 +56,38 @@ class SceneActions(Core):
                 self.page.address = state_to_address(self.session.state)
         return {"image": image, "type": "image/jpeg", "coarse": coarse}
 
+    async def scene(self, request: dict[str, Any]) -> dict[str, Any]:
+        """The parts of the scene that a page holds another revision of, or none."""
+        have = {str(name): int(number) for name, number in dict(request.get("have", {})).items()}
+        self._size = size = _size(request)
+        found: dict[str, Any] = await self.ask(lambda: self.session.scene(*size).message(have))
+        return found
+
+    async def chunk(self, name: str, revision: int, start: int) -> bytes | None:
+        """Bytes of a large part; None where it is not what holds any more."""
+        held = str(name), int(revision), int(start)
+        data: bytes | None = await self.ask(self.session.live.chunk, *held)
+        return data
+
+    def eye(self, request: dict[str, Any]) -> None:
+        """A page that draws by itself has moved the camera."""
+        self._size = _size(request)
+        self.session.take_camera(request["camera"])
+        with self.page:
+            self.page.address = state_to_address(self.session.state)
+
     async def pick(self, request: dict[str, Any]) -> None:
         """A click in the scene: open the report of the ray there."""
         place = float(request["x"]), float(request["y"])
-        found = await self.ask(self.session.pick, *place, *_size(request))
-        if found is None:
-            return
-        await self.open_ray(str(found[0]), found[1])
+        found = await self.ask(self.session.pick, *place, *_size(request), _camera(request))
+        if found.ray is not None:
+            await self.open_ray(str(found.ray[0]), found.ray[1])
 
     async def hover(self, request: dict[str, Any]) -> str:
         """What is under the mouse."""
         place = float(request["x"]), float(request["y"])
-        text: str = await self.ask(self.session.hover, *place, *_size(request))
-        return text
+        found = await self.ask(self.session.pick, *place, *_size(request), _camera(request))
+        return str(found.words)
 
     def look(self, name: str) -> None:
         """A standard view, fit, parallel or perspective."""
@@ -96,6 +115,11 @@ class SceneActions(Core):
 
 def _pair(values: Any) -> tuple[float, float] | None:
     return None if values is None else (float(values[0]), float(values[1]))
+
+
+def _camera(request: dict[str, Any]) -> Camera | None:
+    """Where a page that draws by itself sees the scene from."""
+    return None if request.get("camera") is None else read_camera(request["camera"])
 
 
 def _size(request: dict[str, Any]) -> tuple[int, int]:

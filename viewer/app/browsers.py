@@ -12,6 +12,7 @@ import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from viewer.app.core import Render
 from viewer.app.embedding import make_server, page_file, release, start, start_within
 from viewer.app.guard import WEBSOCKET, Guard, inline_script_hashes
 from viewer.app.page import Application
@@ -53,6 +54,7 @@ class Browsers:
     token : of the address
     registry : recent and saved criteria, for the first browser; the user's own unless given
     most : browsers at a time
+    render : who draws the scene
 
     Attributes
     ----------
@@ -68,8 +70,9 @@ class Browsers:
         *,
         registry: CriterionRegistry | None = None,
         most: int = MOST_BROWSERS,
+        render: Render = "auto",
     ) -> None:
-        self.map, self.state, self.most = ray_map, state, most
+        self.map, self.state, self.most, self.render = ray_map, state, most, render
         self.guard = Guard(token, inline_script_hashes(page_file()))
         self._first = self._make(registry)
         self.server = self._first.server
@@ -177,9 +180,10 @@ class Browsers:
         server = make_server(self.guard)
         first = getattr(self, "_first", None)
         bodies = None if first is None else first.application.session.painter.bodies
-        return _Own(
-            server, Application(server, self.map, self.state, registry=registry, bodies=bodies)
+        application = Application(
+            server, self.map, self.state, registry=registry, bodies=bodies, render=self.render
         )
+        return _Own(server, application)
 
     def _begin(self) -> _Own:
         """One more application, with criteria of its own."""

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from raymap.model.errors import CriterionError, RayMapError
 from viewer.app.inquiry import Inquiry, criterion_error
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from raymap.file.reader import RayMap
     from viewer.drawn.bodies import Body
 
-__all__ = ["CLIP", "LOOK", "RAY_STEPS", "REFRESH_SECONDS", "SECTION", "Core"]
+__all__ = ["CLIP", "LOOK", "RAY_STEPS", "REFRESH_SECONDS", "SECTION", "Core", "Render"]
 
 RAY_STEPS = (50, 100, 200, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000, 100_000, 200_000)
 
@@ -32,8 +32,11 @@ LOOK = ("color", "width", "opacity", "fade", "body_opacity", "names", "dark")
 SECTION = ("section_on", "section_side", "section_place", "section_rays")
 CLIP = ("clip_event", "clip_after", "clip_until")
 
-ANSWERING = ("frame", "hover")
+ANSWERING = ("frame", "hover", "scene", "chunk")
 """Coroutines whose answer the page waits for."""
+
+Render = Literal["auto", "client", "server"]
+"""Who draws the scene."""
 
 MOST_TASKS = 64
 """What pages asked for and is not yet done."""
@@ -55,6 +58,7 @@ class Core:
     state : where to begin
     registry : recent and saved criteria; the user's own unless given
     bodies : of the scene, where another application has loaded them
+    render : who draws the scene: the page, this program, or the faster of them
     """
 
     def __init__(
@@ -65,8 +69,9 @@ class Core:
         *,
         registry: CriterionRegistry | None = None,
         bodies: Sequence[Body] | None = None,
+        render: Render = "auto",
     ) -> None:
-        self.server, self.page = server, server.state
+        self.server, self.page, self.render = server, server.state, render
         self.session = Session(ray_map, state, bodies)
         self.inquiry = Inquiry(self.session)
         self.questions = self._questions()

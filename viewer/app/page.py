@@ -48,6 +48,7 @@ class Application(SceneActions, ResultActions):
             {
                 "version": 0, "messages": [], "searching": False, "progress": 0.0, "answered": 0,
                 "menu": False, "panel_busy": False, "file": None, "address": "", "parallel": True,
+                "render": self.render,
                 "up": "y",
                 "criterion_error": None, "answer_text": "", "answer_flux": "", "answer_title": "",
                 "drawn_text": "", "legend": {"title": "", "scale": False, "entries": []},
@@ -76,7 +77,8 @@ class Application(SceneActions, ResultActions):
     def _connect(self) -> None:
         """Hang the functions that the page calls on the server."""
         calls: dict[str, Callable[..., Any]] = {
-            "frame": self.frame, "pick": self.pick, "hover": self.hover, "camera": self.look,
+            "frame": self.frame, "scene": self.scene, "chunk": self.chunk, "eye": self.eye,
+            "pick": self.pick, "hover": self.hover, "camera": self.look,
             "criterion": self.set_criterion, "complete": self.complete, "cancel": self.cancel,
             "restore": self.restore, "load": self.load, "hello": self.hello,
             "rays": self.set_rays, "object": self.toggle_object, "opacity": self.set_opacity,

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from raymap.model.errors import RayMapError
 from viewer.app.browsers import Browsers
+from viewer.app.core import Render
 from viewer.app.page import Application
 from viewer.drawn.state import ViewState
 from viewer.panels.saved_criteria import CriterionRegistry
@@ -30,7 +31,12 @@ def address(server: Any, token: str, session: str = "") -> str:
 
 
 def serve(
-    ray_map: RayMap, *, state: ViewState | None = None, port: int = 0, browser: bool = True
+    ray_map: RayMap,
+    *,
+    state: ViewState | None = None,
+    port: int = 0,
+    browser: bool = True,
+    render: Render = "auto",
 ) -> None:
     """Serve the application until SIGINT (Ctrl-C) or SIGTERM.
 
@@ -40,11 +46,12 @@ def serve(
     state : where to begin
     port : 0 takes a free one
     browser : open the page
+    render : who draws the scene
     """
     from aiohttp.web_runner import GracefulExit
 
     token = secrets.token_urlsafe(18)
-    browsers = Browsers(ray_map, state, token)
+    browsers = Browsers(ray_map, state, token, render=render)
 
     def ready(**_: Any) -> None:
         url = address(browsers.server, token)
@@ -73,6 +80,7 @@ class RunningServer:
     state : where to begin
     port : 0 takes a free one
     registry : recent and saved criteria; the user's own unless given
+    render : who draws the scene
 
     Attributes
     ----------
@@ -88,12 +96,13 @@ class RunningServer:
         state: ViewState | None = None,
         port: int = 0,
         registry: CriterionRegistry | None = None,
+        render: Render = "auto",
     ) -> None:
         self.token = secrets.token_urlsafe(18)
         self.url = ""
         self._ready = threading.Event()
         self._failure: BaseException | None = None
-        self._arguments = (ray_map, state, port, registry)
+        self._arguments = (ray_map, state, port, registry, render)
         self._loop: asyncio.AbstractEventLoop | None = None
         self._thread = threading.Thread(target=self._main, name="raymap-view", daemon=True)
         self._thread.start()
@@ -119,9 +128,9 @@ class RunningServer:
             self._ready.set()
 
     async def _serve(self) -> None:
-        ray_map, state, port, registry = self._arguments
+        ray_map, state, port, registry, render = self._arguments
         self._loop = asyncio.get_running_loop()
-        self.browsers = Browsers(ray_map, state, self.token, registry=registry)
+        self.browsers = Browsers(ray_map, state, self.token, registry=registry, render=render)
 
         def ready(**_: Any) -> None:
             self.url = address(self.server, self.token)
@@ -153,12 +162,15 @@ def run_in_thread(
     state: ViewState | None = None,
     port: int = 0,
     registry: CriterionRegistry | None = None,
+    render: Render = "auto",
 ) -> RunningServer:
     """Serve the application beside the running program; the parameters are `RunningServer`'s."""
-    return RunningServer(ray_map, state, port, registry)
+    return RunningServer(ray_map, state, port, registry, render)
 
 
-def view(map: RayMap, *, state: ViewState | None = None, height: int = 720) -> Any:
+def view(
+    map: RayMap, *, state: ViewState | None = None, height: int = 720, render: Render = "auto"
+) -> Any:
     """Show the application: inline in a notebook, else in the browser.
 
     Parameters
@@ -166,11 +178,12 @@ def view(map: RayMap, *, state: ViewState | None = None, height: int = 720) -> A
     map : an open ray map
     state : where to begin
     height : of the frame in a notebook [pixels]
+    render : who draws the scene: "client", the page; "server", this program; "auto", the faster
 
     Returns
     -------
     `RunningServer`; in a notebook it displays itself. `stop()` ends it.
     """
-    running = run_in_thread(map, state)
+    running = run_in_thread(map, state, render=render)
     running.show(height)
     return running

@@ -18,10 +18,12 @@ from viewer.drawn.answers import Drawing
 from viewer.drawn.camera import STANDARD_VIEWS, UPWARD, fit, orbit, pan, zoom
 from viewer.drawn.rays import DrawnRays, no_rays
 from viewer.drawn.scene import load_bodies, scene_box
-from viewer.drawn.state import Camera, ViewState, check_camera
+from viewer.drawn.state import Camera, ViewState, check_camera, read_camera
 from viewer.paint.overlay import draw_legend
-from viewer.paint.painter import Painter, Shown
+from viewer.paint.painter import Colored, Painter, Shown
 from viewer.paint.rendering import encode_jpeg, encode_png
+from viewer.view.live import LiveScene, Snapshot
+from viewer.view.picked import Picked, Sight, pick
 
 if TYPE_CHECKING:
     from raymap.file.reader import RayMap
@@ -52,6 +54,7 @@ class Session:
     drawing : the rays of the selection that are drawn
     chosen : the ray that stands out, or None
     path_names : short names of paths by their criteria, as far as a table has told them
+    live : the scene for those who draw it themselves
     """
 
     def __init__(
@@ -68,6 +71,8 @@ class Session:
         self.drawing = Drawing(rays=no_rays(), labels={})
         self.chosen: DrawnRays | None = None
         self.path_names: dict[str, str] = {}
+        self.live = LiveScene(self.painter.bodies, ray_map.directory)
+        self._colored: tuple[object, Colored] | None = None
         self._shown: tuple[object, Shown] | None = None
         self._lock = threading.Lock()
 
@@ -85,15 +90,34 @@ class Session:
         chosen = [entry for entry in detectors if entry.name == self.state.detector]
         return next(iter([*chosen, *detectors]), None)
 
-    def shown(self) -> Shown:
-        """The rays as segments with colours, remembered until something about them changes."""
+    def colored(self) -> Colored:
+        """The rays with their colours, remembered until something about them changes."""
         state, drawing = self.state, self.drawing
-        key = (id(drawing), state.clip, state.section, state.color, state.opacity, state.fade,
-               state.dark)  # fmt: skip
+        key = (drawing, state.clip, state.color, state.opacity, state.fade, state.dark)
         with self._lock:
-            if self._shown is None or self._shown[0] != key:
-                self._shown = (key, self.painter.show(state, drawing.rays, drawing.labels))
+            if self._colored is None or self._colored[0] != key:
+                colored = self.painter.color(state, drawing.rays, drawing.labels)
+                self._colored = (key, colored)
+            return self._colored[1]
+
+    def shown(self) -> Shown:
+        """The same, cut by the section."""
+        colored, section = self.colored(), self.state.section
+        with self._lock:
+            if self._shown is None or self._shown[0] != (colored, section):
+                self._shown = ((colored, section), self.painter.cut(colored, section))
             return self._shown[1]
+
+    def scene(self, width: int, height: int) -> LiveScene:
+        """The scene as it is now, for a panel of this size [pixels of the page]."""
+        snapshot = Snapshot(
+            state=self.state,
+            colored=self.colored(),
+            camera=self.camera(width, height),
+            chosen=self.chosen,
+        )
+        self.live.update(snapshot)
+        return self.live
 
     def camera(self, width: int, height: int) -> Camera:
         """The camera, also before anyone has moved it."""
@@ -126,6 +150,19 @@ class Session:
         check_camera(camera)
         self.update(camera=camera)
 
+    def take_camera(self, values: Any) -> Camera:
+        """Take over where a page that draws by itself sees the scene from.
+
+        Raises
+        ------
+        StateError
+            No camera can stand there.
+        """
+        camera = read_camera(values)
+        self.update(camera=camera)
+        self.live.told_camera(camera)
+        return camera
+
     def look(self, name: str, width: int, height: int) -> None:
         """Go to a standard view, "fit", "parallel" or "perspective"; "up" takes the next axis."""
         camera = self.camera(width, height)
@@ -144,32 +181,18 @@ class Session:
             camera = replace(camera, parallel=name == "parallel")
         self.update(camera=camera, up=state.up)
 
-    def pick(self, x: float, y: float, width: int, height: int) -> tuple[int, int] | None:
-        """(ray number, step of the nearer point) of the ray under a pixel."""
-        shown = self.shown()
-        found = self.painter.pick_ray(shown, self.camera(width, height), x, y, width, height)
-        if found is None:
-            return None
-        return int(shown.rays.ray_ids[found[0]]), found[1]
+    def pick(
+        self, x: float, y: float, width: int, height: int, camera: Camera | None = None
+    ) -> Picked:
+        """What is under a pixel.
 
-    def hover(self, x: float, y: float, width: int, height: int) -> str:
-        """What is under a pixel: a ray and a face, in words."""
-        shown = self.shown()
-        camera = self.camera(width, height)
-        words = []
-        found = self.painter.pick_ray(shown, camera, x, y, width, height)
-        if found is not None:
-            rays = shown.rays
-            source = self.map.directory.sources[int(rays.source[found[0]])].name
-            words.append(f"ray {int(rays.ray_ids[found[0]])} from {source}")
-            record = int(rays.offsets[found[0]]) + found[1]
-            item = int(rays.object[record])
-            if 0 <= item < len(self.map.directory.objects):
-                words[-1] += f", at {self.map.directory.objects[item].name}"
-        body = self.painter.pick_body(self.state, camera, x, y, width, height)
-        if body is not None:
-            words.append(body)
-        return "\n".join(words)
+        Parameters
+        ----------
+        camera : of the picture; None is the session's
+        """
+        seen_from = camera or self.camera(width, height)
+        sight = Sight(camera=seen_from, x=x, y=y, width=width, height=height)
+        return pick(self.painter, self.state, self.shown(), sight)
 
     # -- pictures ------------------------------------------------------------------------------
 

@@ -18,6 +18,7 @@ __all__ = [
     "STANDARD_VIEWS",
     "UPWARD",
     "VIEW_ANGLE",
+    "eye",
     "fit",
     "orbit",
     "pan",
@@ -64,6 +65,11 @@ def _vector(values: Array) -> tuple[float, float, float]:
 def _distance(height: float) -> float:
     """How far a perspective camera stands to see ``height``."""
     return 0.5 * height / math.tan(math.radians(0.5 * VIEW_ANGLE))
+
+
+def eye(camera: Camera) -> Array:
+    """Where a perspective camera stands to see its height; its own place may say otherwise."""
+    return np.asarray(camera.focal_point) - _distance(camera.height) * view_axes(camera)[2]
 
 
 def _place(center: Array, forward: Array, up: Array, height: float, parallel: bool) -> Camera:
@@ -189,5 +195,5 @@ def screen_ray(
     target = np.asarray(camera.focal_point) + offset
     if camera.parallel:
         return target - _distance(camera.height) * forward, forward
-    direction = target - np.asarray(camera.position)
-    return np.asarray(camera.position, float), direction / np.linalg.norm(direction)
+    direction = target - eye(camera)
+    return eye(camera), direction / np.linalg.norm(direction)

@@ -14,7 +14,7 @@ from viewer.drawn.bodies import Body, cut_body, make_body
 from viewer.drawn.lines import section_plane
 from viewer.drawn.state import ViewState
 
-__all__ = ["bodies_box", "load_bodies", "material_of", "scene_box", "visible_bodies"]
+__all__ = ["bodies_box", "load_bodies", "material_of", "opacity_of", "scene_box", "visible_bodies"]
 
 Box = tuple[NDArray[np.float64], NDArray[np.float64]]
 
@@ -136,15 +136,20 @@ def scene_box(bodies: Sequence[Body], directory: Directory, points: NDArray[np.f
     return center - radius, center + radius
 
 
+def opacity_of(body: Body, state: ViewState) -> float:
+    """Opacity of a body, 0 … 1: its own where the session gives it one."""
+    own = state.opacities.get(body.name)
+    opacity = own if own is not None else body.opacity * state.body_opacity
+    return float(np.clip(opacity, 0, 1))
+
+
 def visible_bodies(bodies: Iterable[Body], state: ViewState) -> list[Body]:
     """Bodies as the session shows them: without the hidden, with their opacities, cut."""
     shown = []
     for body in bodies:
         if body.name in state.hidden:
             continue
-        own = state.opacities.get(body.name)
-        opacity = own if own is not None else min(1.0, body.opacity * state.body_opacity)
-        body = replace(body, opacity=float(np.clip(opacity, 0, 1)))
+        body = replace(body, opacity=opacity_of(body, state))
         if state.section.on:
             body = cut_body(body, *section_plane(state.section))
         shown.append(body)

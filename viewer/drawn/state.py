@@ -36,6 +36,7 @@ __all__ = [
     "Upward",
     "ViewState",
     "load_state",
+    "read_camera",
     "save_state",
     "state_from_address",
     "state_from_json",
@@ -309,6 +310,18 @@ def check_camera(camera: Camera) -> None:
     )
     if camera.height <= 0 or not math.hypot(*across) > 0:
         raise _fail("camera", "a position away from its focal point, upright", camera.position)
+
+
+def read_camera(values: Any) -> Camera:
+    """Check and read a camera from JSON values.
+
+    Raises
+    ------
+    StateError
+    """
+    camera = _read_dataclass(Camera, values, "camera")
+    check_camera(camera)
+    return camera
 
 
 def state_to_address(state: ViewState) -> str:

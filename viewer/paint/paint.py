@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from viewer.drawn.bodies import Body, cut_triangles, silhouette
-from viewer.drawn.camera import view_axes, view_matrix
+from viewer.drawn.camera import eye, view_axes, view_matrix
 from viewer.drawn.state import Camera
 from viewer.paint.fill import OPAQUE, fill_triangles
 from viewer.paint.raster import NEAR, draw_segments
@@ -132,7 +132,7 @@ def paint_edges(layer: Layer, bodies: Sequence[Body], camera: Camera, *, dark: b
     forward = view_axes(camera)[2]
     parts, tones = [], []
     for body in bodies:
-        sides = silhouette(body, np.asarray(camera.position), forward, camera.parallel)
+        sides = silhouette(body, eye(camera), forward, camera.parallel)
         for edges, strength in ((body.edges, 0.55), (sides, 0.8)):
             tone = body.color * 0.75 + 0.25 if dark else body.color * 0.35
             alpha = strength * min(1.0, 0.35 + body.opacity)

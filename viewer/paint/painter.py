@@ -22,18 +22,34 @@ from viewer.drawn.colors import Legend, color_lines
 from viewer.drawn.lines import Lines, build_lines, cut_lines
 from viewer.drawn.rays import DrawnRays
 from viewer.drawn.scene import scene_box, visible_bodies
-from viewer.drawn.state import Camera, Clip, Upward, ViewState
+from viewer.drawn.state import Camera, Clip, Section, Upward, ViewState
 from viewer.paint.overlay import draw_names
 from viewer.paint.paint import Layer, finish, paint_bodies, paint_edges, paint_rays
 from viewer.paint.picking import pick_segment, pick_triangle
 from viewer.paint.raster import draw_segments
 
-__all__ = ["COARSE_SEGMENTS", "Painter", "Shown"]
+__all__ = ["COARSE_SEGMENTS", "Colored", "Painter", "Shown"]
 
 COARSE_SEGMENTS = 60_000
 """While the camera moves at most about this many segments are drawn."""
 
 _HIGHLIGHT = {True: (255, 255, 255, 255), False: (20, 20, 20, 255)}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Colored:
+    """Rays with their colours, before a section cuts them.
+
+    Attributes
+    ----------
+    lines : the segments that the clip leaves
+    rgba : (n_records, 4) uint8 of the segment that starts there; what is not drawn has none
+    """
+
+    rays: DrawnRays
+    lines: Lines
+    rgba: NDArray[np.uint8]
+    legend: Legend
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,16 +89,30 @@ class Painter:
             cached = self._cut = (key, visible_bodies(self.bodies, state))
         return cached[1]
 
-    def show(
+    def color(
         self, state: ViewState, rays: DrawnRays, path_labels: dict[int, str] | None = None
-    ) -> Shown:
-        """Segments of the rays, clipped, cut and coloured as the session says."""
-        lines = cut_lines(build_lines(rays, state.clip), state.section)
+    ) -> Colored:
+        """Segments of the rays, clipped and coloured as the session says."""
+        lines = build_lines(rays, state.clip)
         rgba, legend = color_lines(
             rays, lines, state.color, self.directory,
             opacity=state.opacity, fade=state.fade, dark=state.dark, path_labels=path_labels,
         )  # fmt: skip
-        return Shown(rays=rays, lines=lines, rgba=rgba, legend=legend)
+        by_record = np.zeros((rays.n_records, 4), np.uint8)
+        by_record[lines.record] = rgba
+        return Colored(rays=rays, lines=lines, rgba=by_record, legend=legend)
+
+    def cut(self, colored: Colored, section: Section) -> Shown:
+        """What a section leaves of coloured rays."""
+        lines = cut_lines(colored.lines, section)
+        rgba = colored.rgba[lines.record]
+        return Shown(rays=colored.rays, lines=lines, rgba=rgba, legend=colored.legend)
+
+    def show(
+        self, state: ViewState, rays: DrawnRays, path_labels: dict[int, str] | None = None
+    ) -> Shown:
+        """Segments of the rays, clipped, cut and coloured as the session says."""
+        return self.cut(self.color(state, rays, path_labels), state.section)
 
     def camera(self, state: ViewState, shown: Shown | None, aspect: float) -> Camera:
         """The camera of the session, or one that sees the whole scene from the side."""

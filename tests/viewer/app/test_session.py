@@ -158,11 +158,11 @@ def test_picking_finds_the_ray_that_is_drawn_there(session: Session) -> None:
         if not (0 < x / w < W and 0 < y / w < H):
             continue
         found = session.pick(x / w, y / w, W, H)
-        assert found is not None
-        hits += found[0] == shown.rays.ray_ids[shown.lines.ray[segment]]
-        assert "ray" in session.hover(x / w, y / w, W, H)
+        assert found.ray is not None
+        hits += found.ray[0] == shown.rays.ray_ids[shown.lines.ray[segment]]
+        assert found.words.startswith(f"ray {found.ray[0]} from ")
     assert hits > 3
-    assert session.pick(1, H - 1, W, H) is None
+    assert session.pick(1, H - 1, W, H).ray is None
 
 
 def test_pointing_at_a_body_names_its_face(session: Session) -> None:
@@ -174,8 +174,8 @@ def test_pointing_at_a_body_names_its_face(session: Session) -> None:
     from viewer.drawn.camera import view_matrix
 
     x, y, _, _ = view_matrix(camera, W, H, 1.0) @ np.array([0, 8.0, 2.0, 1.0])
-    assert session.hover(x, y, W, H).startswith("L1.")
-    assert session.hover(2, 2, W, H) == ""
+    assert session.pick(x, y, W, H).face == session.pick(x, y, W, H).words == "L1.rim"
+    assert session.pick(2, 2, W, H).words == ""
 
 
 def test_frames_follow_the_state(session: Session) -> None:

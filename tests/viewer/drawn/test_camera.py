@@ -147,3 +147,15 @@ def test_a_camera_takes_whole_numbers() -> None:
     )
     np.testing.assert_array_equal(view_matrix(whole, W, H, 5.0), view_matrix(same, W, H, 5.0))
     assert orbit(whole, 10, 20, H) == orbit(same, 10, 20, H)
+
+
+def test_a_line_of_sight_goes_through_what_is_painted_at_its_pixel() -> None:
+    """Also where a saved camera says a place that does not fit its height."""
+    for parallel in (True, False):
+        camera = Camera(position=(9, 3, 4), focal_point=(0, 0, 2), view_up=(0, 1, 0), height=5,
+                        parallel=parallel)  # fmt: skip
+        point = np.array([0.5, -0.7, 2.9])
+        x, y, _, w = view_matrix(camera, 320, 240, 1.0) @ np.append(point, 1.0)
+        origin, direction = screen_ray(camera, x / w, y / w, 320, 240)
+        beside = np.linalg.norm(np.cross(point - origin, direction))
+        assert beside < 1e-12

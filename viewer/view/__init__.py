@@ -1,0 +1,1 @@
+"""The scene as named parts with revisions, and what draws them: pages, windows, notebooks."""
