@@ -23,6 +23,7 @@ __all__ = [
     "part_along_s",
     "polarise_waves",
     "project_waves",
+    "restore_state",
     "retard_waves",
     "start_waves",
     "stokes_axis",
@@ -223,3 +224,30 @@ def store_state(
         if k == 0 and len(phase) > 0:
             phase[record] = math.atan2(b, a) if a * a + b * b > 1e-12 else math.atan2(d, c)
     stokes[record, 0], stokes[record, 1], stokes[record, 2] = s1, s2, s3
+
+
+@inner_kernel
+def restore_state(
+    waves: F64, dx: float, dy: float, dz: float, s1: float, s2: float, s3: float
+) -> None:
+    """Fields of unit power that have a stored Stokes vector (s1, s2, s3) over s0.
+
+    One wave in the state of the polarised part, with half of the rest, and one across it with the
+    other half: Born & Wolf, Principles of Optics, 7th ed., 10.9.2.
+    """
+    x, y, z = stokes_axis(dx, dy, dz)
+    u, v, w = dy * z - dz * y, dz * x - dx * z, dx * y - dy * x
+    degree = math.sqrt(s1 * s1 + s2 * s2 + s3 * s3)
+    a, c, d = 1.0, 0.0, 0.0
+    if degree > 1e-12:
+        a = math.sqrt(max(0.0, 0.5 * (1.0 + s1 / degree)))
+        c, d = (0.5 * s2 / (degree * a), -0.5 * s3 / (degree * a)) if a > 1e-6 else (1.0, 0.0)
+    degree = min(1.0, degree)
+    # The wave (a, c + i d) along x and y, and (-c + i d, a) across it
+    one, two = math.sqrt(0.5 * (1.0 + degree)), math.sqrt(0.5 * (1.0 - degree))
+    waves[0, 0], waves[0, 3] = one * (a * x + c * u), one * d * u
+    waves[0, 1], waves[0, 4] = one * (a * y + c * v), one * d * v
+    waves[0, 2], waves[0, 5] = one * (a * z + c * w), one * d * w
+    waves[1, 0], waves[1, 3] = two * (a * u - c * x), two * d * x
+    waves[1, 1], waves[1, 4] = two * (a * v - c * y), two * d * y
+    waves[1, 2], waves[1, 5] = two * (a * w - c * z), two * d * z

@@ -14,6 +14,7 @@ _SHORT = [
     ("rough metal", "weighted"),
     ("coincident faces", "splitting"),
     ("camera", "polarised, weighted"),
+    ("pinhole", "polarised, splitting"),
 ]
 
 
@@ -46,7 +47,7 @@ def test_a_pair_works_as_the_page_says(name: str, mode: str) -> None:
 @pytest.mark.parametrize(
     ("name", "mode", "key"),
     [
-        ("pinhole", "weighted", "detectors.hole"),
+        ("pinhole", "crystals", "bodies.sheet.medium"),
         ("plane faces", "crystals, weighted", "trace.mode"),
     ],
 )

@@ -17,7 +17,7 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,7 @@ from raymap.laws.table import TableLaw
 from raymap.model.errors import SceneError
 from raymap.model.portion import Portion
 from raymap.model.schema import PORTION_RAYS
+from raymap.optics.cells import is_pinhole
 from tracer.compiled import F_KIND, F_OBJECT, F_TRIANGLE, SINGLE
 from tracer.geometry.kinds import MESH
 from tracer.polarized.transport import (
@@ -43,10 +44,12 @@ from tracer.run.trace import CompiledTrace
 from tracer.scene.compilations import compilation_of
 from tracer.scene.compile import Compilation
 from tracer.scene.model import Scene
-from tracer.scene.supported import refuse_pinholes
 from tracer.surfaces.surface import axis_of
 from tracer.transport.source_check import check_sources
 from tracer.transport.wavefront import Wavefront
+
+if TYPE_CHECKING:
+    from tracer.transport.pinhole import Pinholes
 
 __all__ = [
     "Polarization",
@@ -263,7 +266,6 @@ class PolarizedTrace(CompiledTrace):
         return {"polarised": True, "states": self.polarization.states}
 
     def prepared(self, encoder: PortionEncoder | None, threads: int) -> PolarizedTrace:
-        refuse_pinholes(self.compilation, "the polarised one")
         _warn_of_surfaces(self.compilation)
         check_sources(self.compilation, engine=self.engine(1).engine)
         return self
@@ -271,8 +273,12 @@ class PolarizedTrace(CompiledTrace):
     def engine(self, seed: int) -> PolarizedWavefront:
         return PolarizedWavefront(self.compilation, seed, self.polarization)
 
-    def pinholes(self) -> None:
-        return None
+    def pinholes(self) -> Pinholes | None:
+        if not any(is_pinhole(item) for item in self.directory.detectors):
+            return None
+        from tracer.transport.pinhole import Pinholes
+
+        return Pinholes(self.compilation, _laws(self.compilation))
 
 
 def polarized_trace(scene: Scene | Compilation) -> PolarizedTrace:

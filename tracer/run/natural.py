@@ -13,7 +13,7 @@ from raymap.optics.cells import is_pinhole
 from tracer.run.results import depth_limit
 from tracer.run.trace import CompiledTrace, Trace
 from tracer.run.warm_up import compile_trace, order_faces
-from tracer.scene.supported import refuse_pinholes, warn_of_polarised_light
+from tracer.scene.supported import warn_of_polarised_light
 from tracer.transport.source_check import check_sources
 from tracer.transport.wavefront import Wavefront
 
@@ -43,8 +43,6 @@ class NaturalTrace(CompiledTrace):
         compile_trace(self.compilation, encoder, threads)
         check_sources(self.compilation)
         warn_of_polarised_light(self.compilation)
-        if self.compilation.arrays.reduction is not None:
-            refuse_pinholes(self.compilation, "the weighted one")
         return NaturalTrace(order_faces(self.compilation))
 
     def engine(self, seed: int) -> _NaturalEngine:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from raymap.model.errors import SceneError
-from raymap.optics.cells import is_pinhole
 from tracer.compiled import (
     COLLIMATED,
     FROM_POINT,
@@ -24,30 +23,12 @@ if TYPE_CHECKING:
 
 __all__ = [
     "NaturalLight",
-    "refuse_pinholes",
     "refuse_weighting",
     "require_plain_scene",
     "warn_of_polarised_light",
 ]
 
 _PLAIN = (COLLIMATED, LAMBERTIAN_CONE, UNIFORM_CONE)
-
-
-def refuse_pinholes(compilation: Compilation, engine: str) -> None:
-    """Refuse pictures through a point, which need rays of equal weight.
-
-    Raises
-    ------
-    SceneError
-        naming the detector
-    """
-    place = compilation.scene.origin
-    for detector in compilation.directory.detectors:
-        if is_pinhole(detector):
-            raise SceneError(
-                f"{place}: detectors.{detector.name}: a pinhole needs the analog mode, where all "
-                f"rays weigh the same, not {engine}; take a camera instead"
-            )
 
 
 def require_plain_scene(compilation: Compilation, engine: str) -> None:

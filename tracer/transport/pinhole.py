@@ -5,6 +5,10 @@ across the way; summed over rays that is radiance times the solid angle of a pix
 meets a point, so nothing of this stands in the rays of a map: the picture is a detector result of
 its own.
 
+A ray's weight and, in polarised light, its state go into the connection: the weight that the ray
+has in the end is on average the one with which it came to the place, whatever happened afterwards,
+and what a surface sends towards the opening follows from the state with which light arrives.
+
 A connection is a straight line through the world's medium: what is seen in mirrors and through
 lenses stays dark. A camera with a lens shows that too.
 
@@ -25,17 +29,24 @@ from numpy.typing import NDArray
 
 from raymap.jit.kernels import inner_kernel, lean_kernel
 from raymap.jit.types import F64, I64
-from raymap.laws.phase import eval_phase
+from raymap.laws.amplitudes import Amplitudes, Met, meet_waves
+from raymap.laws.phase import RAYLEIGH, eval_phase
 from raymap.model.events import Event
 from raymap.model.portion import Portion
 from raymap.optics.cells import is_pinhole
 from raymap.optics.photometry import Photometry
+from raymap.optics.waves import Turn, project_waves, restore_state
 from tracer.compiled import (
+    B_MEDIUM,
+    F_INSIDE,
     F_KIND,
+    F_OUTSIDE,
     F_SURFACE,
     FROM_RING,
     L_AREA,
+    LAMBERTIAN,
     M_PARTICIPATING,
+    S_KIND,
     SOURCE_ROW,
     WORLD,
     CompiledScene,
@@ -43,6 +54,7 @@ from tracer.compiled import (
 from tracer.geometry.mesh_arrays import MeshArrays, MeshScratch, mesh_scratch
 from tracer.geometry.mesh_hits import nearest_on_meshes
 from tracer.geometry.other_shapes import link_shapes
+from tracer.rays.random import advance, stream_state, uniform
 from tracer.sources.linking import link_sources
 from tracer.sources.towards import Place, emitted_towards
 from tracer.surfaces.interaction import Interface, Way, optics_of
@@ -72,6 +84,10 @@ __all__ = ["Pinholes"]
 
 _VOLUME = int(Event.VOLUME_SCATTER)
 _ERROR = int(Event.GEOMETRY_ERROR)
+_REFLECTED = int(Event.DIFFUSE_REFLECTION), int(Event.GLOSSY_REFLECTION)
+_TRANSMITTED = int(Event.DIFFUSE_TRANSMISSION), int(Event.GLOSSY_TRANSMISSION)
+_SALT = 0x0B5C_E7A1
+"""Sets the numbers of connections apart from those that rays are traced with."""
 _BATCH = 4096
 _NEAR = 1e-6
 """Share of the scene's radius by which connections leave the triangles of a mesh."""
@@ -110,15 +126,32 @@ class _Rays(NamedTuple):
     source: NDArray[np.int16]
 
 
+class _States(NamedTuple):
+    """States of polarisation of a portion's segments, and what surfaces do to them.
+
+    stokes (n_records, 3) : of the segment that starts at a record
+    ids (n_rays,), number (n_records,) : of the rays, and of the records within them
+    waves (2, 6) : scratch
+    """
+
+    laws: Amplitudes
+    stokes: NDArray[np.float32]
+    ids: I64
+    number: I64
+    waves: F64
+
+
 class Pinholes:
     """The pinhole detectors of a scene; safe to call from many threads.
 
-    `see` makes the connections of a portion, `take` adds them up; portions are taken in the order
-    of their rays, so that the sums do not depend on the threads.
+    ``laws`` are those of the surfaces for polarised light, None for natural light. `see` makes the
+    connections of a portion, `take` adds them up; portions are taken in the order of their rays, so
+    that the sums do not depend on the threads.
     """
 
-    def __init__(self, compilation: Compilation) -> None:
+    def __init__(self, compilation: Compilation, laws: Amplitudes | None = None) -> None:
         self.compilation = compilation
+        self.laws = laws
         arrays = compilation.arrays
         self.scene = arrays._replace(
             reduction=None, surface_i=arrays.surface_i.copy(), source_i=arrays.source_i.copy()
@@ -185,9 +218,35 @@ class Pinholes:
             ray=np.repeat(np.arange(n_rays), portion.records_per_ray),
             source=portion.source,
         )
-        self._seen[first_ray] = [self._connections(rays, *row) for row in self.rows]
+        states = self._states(first_ray, portion)
+        weight, emission = portion.weight, portion.emission
+        seen = []
+        for row in self.rows:
+            cell, ray, light = self._connections(rays, states, *row)
+            if weight is not None:
+                light *= weight[ray, None]
+            # What splits off one emission is one sample
+            seen.append((cell, ray if emission is None else emission[ray], light))
+        self._seen[first_ray] = seen
 
-    def _connections(self, rays: _Rays, row: F64, cells: tuple[int, int]) -> tuple[I64, I64, F64]:
+    def _states(self, first_ray: int, portion: Portion) -> _States | None:
+        if self.laws is None:
+            return None
+        n, counts = portion.n_records, portion.records_per_ray
+        ids = portion.ray_ids
+        return _States(
+            self.laws,
+            np.asarray(portion.extra["stokes"], np.float32),
+            np.arange(first_ray, first_ray + portion.n_rays)
+            if ids is None
+            else ids.astype(np.int64),
+            np.arange(n) - np.repeat(np.cumsum(counts) - counts, counts),
+            np.empty((2, 6)),
+        )
+
+    def _connections(
+        self, rays: _Rays, states: _States | None, row: F64, cells: tuple[int, int]
+    ) -> tuple[I64, I64, F64]:
         """Cells, rays and light of all connections that nothing blocks."""
         found = _Found(
             np.empty(_BATCH, np.int64),
@@ -200,8 +259,8 @@ class Pinholes:
         record = 0
         while record < len(rays.ray):
             record, n = _connect(
-                self.scene, self.objects, rays, record, row, cells[0], cells[1], self.share, found,
-                buffers.live_f, buffers.live_i,
+                self.scene, self.objects, rays, states, record, row, cells[0], cells[1], self.share,
+                found, buffers.live_f, buffers.live_i,
             )  # fmt: skip
             if n == 0:
                 continue
@@ -292,8 +351,8 @@ def _relative_flux(compilation: Compilation) -> F64:
 
 @lean_kernel
 def _connect(
-    scene: CompiledScene, objects: _Objects, rays: _Rays, start: int, eye: F64, n_u: int, n_v: int,
-    share: F64, found: _Found, live_f: F64, live_i: I64,
+    scene: CompiledScene, objects: _Objects, rays: _Rays, states: _States | None, start: int,
+    eye: F64, n_u: int, n_v: int, share: F64, found: _Found, live_f: F64, live_i: I64,
 ) -> tuple[int, int]:  # fmt: skip
     """Connections of the records from ``start`` on until a batch is full: next record, count."""
     world = scene.limits[WORLD]
@@ -363,7 +422,10 @@ def _connect(
                 if rays.medium[r] != world:
                     continue
                 mu = max(-1.0, min(1.0, dx * ox + dy * oy + dz * oz))
-                density = _phase(scene.medium_f[world, 3 * n_channels :], scene.tables, mu)
+                phase = scene.medium_f[world, 3 * n_channels :]
+                density = _phase(phase, scene.tables, mu)
+                if states is not None and phase[0] == RAYLEIGH:
+                    density *= _sent_by_volume(states, r, dx, dy, dz, ox, oy, oz)
                 for k in range(n_channels):
                     light[k] = density
             elif obj >= 0 and rays.event[r] & _ERROR == 0:
@@ -375,16 +437,21 @@ def _connect(
                     own += objects.face[objects.first_triangle[obj] + triangle]
                     lift = _NEAR * scene.sphere[3]
                 before = r - 1
-                # Light that crosses is taken to come out into the world's medium: elsewhere
-                # another face hides the point
+                # Light that crosses inwards is hidden by other faces, as is light sent back inside
                 cosine = dx * nx + dy * ny + dz * nz
                 side = -1.0 if cosine > 0.0 else 1.0
+                other = _beyond(scene, own, cosine, rays.medium[r - 1])
                 at = Interface(
-                    scene.face_i[own, F_SURFACE], rays.medium[r - 1], world, min(1.0, abs(cosine))
+                    scene.face_i[own, F_SURFACE], rays.medium[r - 1], other, min(1.0, abs(cosine))
                 )
                 way = Way(dx, dy, dz, side * nx, side * ny, side * nz)
                 if not scattered_towards(optics, scene.tables, at, way, ox, oy, oz, light):
                     continue
+                if states is not None:
+                    code = rays.code[before]
+                    light[code] *= _sent_by_surface(
+                        scene, states, rays.ray[r], r, code, at, way, ox, oy, oz
+                    )
             else:
                 continue
         # Give the light its colour, and what is left of it at the opening
@@ -419,6 +486,58 @@ def _connect(
             live_i[MESH_BODY, n] = -1
         n += 1
     return len(rays.ray), n
+
+
+@inner_kernel
+def _beyond(scene: CompiledScene, face: int, cosine: float, before: int) -> int:
+    """Medium on the other side of a face for light that arrives with the cosine to its normal."""
+    inside, outside = scene.face_i[face, F_INSIDE], scene.face_i[face, F_OUTSIDE]
+    if inside < 0:
+        return before
+    body = inside if cosine < 0.0 else outside
+    found: int = scene.body_i[body, B_MEDIUM] if body >= 0 else scene.limits[WORLD]
+    return found
+
+
+@inner_kernel
+def _restore(states: _States, r: int, dx: float, dy: float, dz: float) -> None:
+    """Set the fields with which light arrives at a record."""
+    s = states.stokes[r - 1]
+    restore_state(
+        states.waves, dx, dy, dz, np.float64(s[0]), np.float64(s[1]), np.float64(s[2])
+    )  # fmt: skip
+
+
+@inner_kernel
+def _sent_by_volume(
+    states: _States, r: int, dx: float, dy: float, dz: float, ox: float, oy: float, oz: float
+) -> float:
+    """What Rayleigh scattering sends along o of light in its state, over that of natural light."""
+    _restore(states, r, dx, dy, dz)
+    mu = dx * ox + dy * oy + dz * oz
+    return float(2.0 * project_waves(states.waves, ox, oy, oz) / (1.0 + mu * mu))
+
+
+@inner_kernel
+def _sent_by_surface(
+    scene: CompiledScene, states: _States, ray: int, r: int, code: int, at: Interface, way: Way,
+    ox: float, oy: float, oz: float,
+) -> float:  # fmt: skip
+    """What a surface sends along o of light in its state, over that of natural light."""
+    dx, dy, dz, nx, ny, nz = way
+    _restore(states, r, dx, dy, dz)
+    diffuse = scene.surface_i[at.surface, S_KIND] == LAMBERTIAN
+    events = _REFLECTED if ox * nx + oy * ny + oz * nz > 0.0 else _TRANSMITTED
+    state = stream_state(_SALT + states.number[r], states.ids[ray])
+    state = advance(state)
+    u = uniform(state)
+    v = uniform(advance(state))
+    met = Met(at.surface, code, scene.medium_f[at.medium, code], scene.medium_f[at.other, code])
+    factor, _ = meet_waves(
+        states.laws, states.waves, events[0] if diffuse else events[1], met,
+        Turn(dx, dy, dz, ox, oy, oz, nx, ny, nz), u, v,
+    )  # fmt: skip
+    return float(factor)
 
 
 @inner_kernel

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from raymap.jit.kernels import kernel
 from raymap.optics.frames import transverse_axes
+from raymap.optics.waves import restore_state, stokes_axis, store_state
 from tests.tracer.lens.lenses import biconvex, parallel_ray
 from tracer.lens import trace_lens
 from tracer.optics.polarization import (
@@ -60,6 +63,28 @@ def test_textbook_stokes_vectors() -> None:
         ((X + 1j * Y) / math.sqrt(2), (1, 0, 0, -1)),
     ]:
         np.testing.assert_allclose(stokes(field, X, Y), expected, atol=1e-15)
+
+
+@given(states(), st.floats(0.0, 1.0))
+def test_fields_made_of_a_stokes_vector_have_it(
+    state: tuple[np.ndarray, np.ndarray], p: float
+) -> None:
+    """Stored and restored: any degree of polarisation, by the Stokes vector of the field itself."""
+    d, field = state
+    x = np.array(stokes_axis.py_func(*d))
+    s0, *polarised = stokes(field, x, np.cross(d, x))
+    expected = p * np.array(polarised) / s0
+    waves, found = np.empty((2, 6)), np.empty((1, 3), np.float32)
+    _restored(waves, d, expected, found)
+    assert np.sum(waves**2) == pytest.approx(1.0)
+    np.testing.assert_allclose(waves.reshape(2, 2, 3) @ d, 0.0, atol=1e-12)
+    np.testing.assert_allclose(found[0], expected, atol=1e-6)
+
+
+@kernel
+def _restored(waves: Any, d: Any, s: Any, found: Any) -> None:
+    restore_state(waves, d[0], d[1], d[2], s[0], s[1], s[2])
+    store_state(waves, d[0], d[1], d[2], 0, found, np.empty(0, np.float32))
 
 
 def test_right_handed_light_turns_clockwise_for_the_observer() -> None:
