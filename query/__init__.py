@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from query.answers.selections.selection import Selection
     from query.answers.selections.selector import select, select_many
     from query.answers.what_if.effect import Effect, effect, what_if
+    from query.answers.what_if.improve import Improvement, improve
     from query.answers.what_if.sensitivity import Sensitivity, sensitivity
     from query.atoms.angle_of_polarisation import angle_of_polarisation
     from query.atoms.bounces import bounces
@@ -67,6 +68,7 @@ _LAZY = {
     "GhostMatrix": "query.answers.paths.ghosts",
     "GhostTable": "query.answers.paths.ghosts",
     "Histogram": "query.answers.reports.histograms",
+    "Improvement": "query.answers.what_if.improve",
     "Illumination": "query.answers.reports.illumination",
     "PathRow": "query.answers.paths.tables",
     "PathTable": "query.answers.paths.tables",
@@ -97,6 +99,7 @@ _LAZY = {
     "histogram": "query.answers.reports.histograms",
     "hit": "query.atoms.hit",
     "illuminated": "query.answers.reports.illumination",
+    "improve": "query.answers.what_if.improve",
     "incidence": "query.atoms.incidence",
     "last": "query.atoms.last",
     "length": "query.atoms.length",
@@ -139,6 +142,7 @@ __all__ = [
     "GhostTable",
     "Histogram",
     "Illumination",
+    "Improvement",
     "PathRow",
     "PathTable",
     "Progress",
@@ -170,6 +174,7 @@ __all__ = [
     "histogram",
     "hit",
     "illuminated",
+    "improve",
     "incidence",
     "last",
     "length",

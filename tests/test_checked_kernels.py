@@ -115,6 +115,7 @@ _KERNELS = {
     "crossings._cross": ("itself", {"crossings._found"}),
     "stops._meet_stops": ("itself", {"stops.meet"}),
     "stops._reach_mesh": ("called", {"stops._meet_stops"}),
+    "improve._weigh_all": ("itself", {"improve._weigh"}),
     "crossings._cross_sphere": ("called", {"crossings._cross"}),
     # Colours
     "colors.rebuild_codes": ("itself", {"stored._column_color_code"}),

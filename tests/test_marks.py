@@ -70,6 +70,7 @@ NOISY = {
     "sweep": ["sweep", "MAP", "screen", "event(tir)"],
     "compare": ["compare", "MAP", "OTHER", "--top", "9"],
     "what-if": ["what-if", "MAP", 'hit("L1")', "--set", "lamp.flux=5", "--top", "9"],
+    "improve": ["improve", "PLATE", "event(reflected)", "--reflectance", "0.1%", "--faces", "1"],
     "sensitivity": ["sensitivity", "PLATE", "event(reflected)", "--top", "99"],
     "focus": ["focus", "MAP", "screen", "--from", "-1", "--to", "1"],
     "histogram": ["histogram", "MAP", "length"],

@@ -57,6 +57,7 @@ COMMANDS = {
     "histogram": f"{MAP} length",
     "what-if": f"{MAP} --scene <scene.toml",
     "sensitivity": MAP,
+    "improve": f"{MAP} 'event(reflected)' --reflectance 0.2% --faces 1",
     "image": f"{MAP} sensor -o >image.png",
     "focus": f"{MAP} sensor",
     "picture": f"{MAP} -o >picture.png --session <session.json",

@@ -57,6 +57,7 @@ WORDS: dict[str, list[str]] = {
     "histogram": ["a.raymap", "length"],
     "what-if": ["a.raymap", "--set", "lamp.flux=2"],
     "sensitivity": ["a.raymap"],
+    "improve": ["a.raymap", "event(reflected)", "--reflectance", "0.2%"],
     "image": ["a.raymap", "sensor", "-o", "a.tiff"],
     "focus": ["a.raymap", "sensor"],
     "picture": ["a.raymap", "-o", "a.png"],

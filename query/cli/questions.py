@@ -9,6 +9,7 @@ import typer
 
 from query.cli.focus import focus
 from query.cli.histograms import histogram
+from query.cli.improve import improve
 from query.cli.options import (
     Criterion,
     Filter,
@@ -47,6 +48,7 @@ def register(app: typer.Typer) -> None:
     app.command("histogram", rich_help_panel=Panel.ASK)(histogram)
     app.command("what-if", rich_help_panel=Panel.ASK)(what_if)
     app.command("sensitivity", rich_help_panel=Panel.ASK)(sensitivity)
+    app.command("improve", rich_help_panel=Panel.ASK)(improve)
 
 
 def query(

@@ -205,7 +205,7 @@ class Reweighting:
             if not self._is_even(kind):
                 whole[here] = False
                 continue
-            ratio = self._ratios(kind, _nowhere(1))[:, 0]
+            ratio = self.ratios(kind, _nowhere(1))[:, 0]
             times = np.bincount(here, minlength=paths.n_paths)[:, None]
             factors *= np.where(times > 0, ratio[None, :] ** times, 1.0)
         if self.changed.media:
@@ -229,7 +229,7 @@ class Reweighting:
             read = Read(portion)
             for kind, records, rays, met in self.hits(read, even=False):
                 del records
-                _multiply(factors, rays, self._ratios(kind, met))
+                _multiply(factors, rays, self.ratios(kind, met))
             for records, ratios in self._in_media(read):
                 _multiply(factors, read.ray_of[records], ratios)
         return factors
@@ -243,7 +243,7 @@ class Reweighting:
         if self.changed.sources is not None:
             factors[read.offsets[:-1]] = self.changed.sources[read.portion.column("source")]
         for kind, records, _, met in self.hits(read, even=True):
-            factors[records] *= self._ratios(kind, met).T
+            factors[records] *= self.ratios(kind, met).T
         for records, ratios in self._in_media(read):
             factors[records] *= ratios.T
         _accumulate(read.offsets, factors)
@@ -275,7 +275,7 @@ class Reweighting:
                 met = _incidence(read.position, normal[part], records[part], kind)
                 yield kind, records[part], met_by[part], met
 
-    def _ratios(self, kind: Hit, met: Incidence) -> F64:
+    def ratios(self, kind: Hit, met: Incidence) -> F64:
         """(n_channels, n) new over old likelihood; 0 where the old law never did this."""
         old, new = self.changed.faces[kind.face]
         if kind.branch == TOTAL and is_total(old) and is_total(new):

@@ -33,7 +33,17 @@ from raymap.passes.reweighting import ChangedLaws, MediumChange
 if TYPE_CHECKING:
     from raymap.file.reader import RayMap
 
-__all__ = ["Changes", "FACE_WORDS", "MEDIUM_WORDS", "SOURCE_WORDS", "changes_of", "parse_setting"]
+__all__ = [
+    "Changes",
+    "FACE_WORDS",
+    "MEDIUM_WORDS",
+    "SOURCE_WORDS",
+    "changes_of",
+    "faces_of",
+    "parse_setting",
+    "parse_share",
+    "step_of",
+]
 
 Floats = NDArray[np.float64]
 
@@ -61,6 +71,22 @@ def parse_setting(text: str) -> tuple[str, Any]:
     if not equals or not key.strip() or not value.strip():
         raise RayMapError(f"--set {text!r}: write NAME.WHAT=VALUE, as L5.back.reflectance=0.5%")
     return key.strip(), _value(value.strip(), text)
+
+
+def parse_share(text: str, option: str) -> float:
+    """A share of light of a command line: ``0.2%`` or ``0.002``.
+
+    Raises
+    ------
+    RayMapError
+    """
+    try:
+        share = float(text.removesuffix("%")) / (100.0 if text.endswith("%") else 1.0)
+    except ValueError:
+        raise RayMapError(f"{option} {text!r}: a share is written 0.2% or 0.002") from None
+    if not 0.0 <= share <= 1.0:
+        raise RayMapError(f"{option} {text!r}: a share lies from 0 to 100%")
+    return share
 
 
 def _value(text: str, whole: str) -> Any:
@@ -213,8 +239,8 @@ def changes_of(map: RayMap, given: Mapping[str, Any]) -> Changes:
             for number in _matching(pattern, [m.name for m in map.directory.media], "medium"):
                 changes.media.setdefault(number, {})[word] = value
         elif word in FACE_WORDS and pattern:
-            step = _step(key, word, value, map)
-            for face in _faces_of(map.directory, pattern):
+            step = step_of(key, word, value, map)
+            for face in faces_of(map.directory, pattern):
                 changes.faces.setdefault(face, []).append(step)
         elif word in _BENDS:
             raise RayMapError(
@@ -238,7 +264,7 @@ def _matching(pattern: str, names: list[str], kind: str) -> list[int]:
     return match_indices(pattern, names, kind)
 
 
-def _faces_of(directory: Directory, pattern: str) -> list[int]:
+def faces_of(directory: Directory, pattern: str) -> list[int]:
     """Faces by their own name, by that of their object, or of their surface."""
     faces = directory.faces
     wild = Wildcard(pattern)
@@ -332,7 +358,7 @@ def _shares(value: Any, n: int, key: str) -> tuple[float, ...]:
     return tuple(shares.tolist())
 
 
-def _step(key: str, word: str, value: Any, map: RayMap) -> Callable[[Law, ChannelSet], Law]:
+def step_of(key: str, word: str, value: Any, map: RayMap) -> Callable[[Law, ChannelSet], Law]:
     """How a law becomes the changed one; the value is checked when the channels are known."""
 
     def step(old: Law, channels: ChannelSet) -> Law:
