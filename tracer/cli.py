@@ -197,10 +197,14 @@ def _print_result(result: RecordResult, output: Path | None) -> None:
     console.print(table)
     if result.fluxes["detectors"]:
         unit = escape(f"[{result.fluxes['unit']}]")
-        table = Table("detector", f"flux {unit}", "standard error")
-        for name, row in result.fluxes["detectors"].items():
+        rows = result.fluxes["detectors"]
+        weighted = any("effective_rays" in row for row in rows.values())
+        more = ["rays", "effective"] if weighted else []
+        table = Table("detector", f"flux {unit}", "standard error", *more)
+        for name, row in rows.items():
             flux, se = row["flux"], row["flux_se"]
-            table.add_row(name, f"{flux:.6g}", marked(f"{se:.2g}", flux, se))
+            cells = [f"{row['rays']:,}", f"{row['effective_rays']:,.0f}"] if weighted else []
+            table.add_row(name, f"{flux:.6g}", marked(f"{se:.2g}", flux, se), *cells)
             if is_doubtful(flux, se):
                 table.caption = FOOTNOTE
         console.print(table)

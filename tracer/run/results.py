@@ -12,8 +12,10 @@ __all__ = [
     "Progress",
     "RecordResult",
     "StoppedLight",
+    "UnevenWeights",
     "depth_limit",
     "stopped_notes",
+    "uneven_notes",
 ]
 
 STOPPED_SHARE = 1e-4
@@ -22,6 +24,16 @@ STOPPED_SHARE = 1e-4
 
 class StoppedLight(UserWarning):
     """A limit stopped more light than can be neglected."""
+
+
+EVEN_SHARE = 0.1
+"""An effective sample size below this share of the rays that arrived is warned about."""
+_FEW = 100
+_NOTHING = 1e-9
+
+
+class UnevenWeights(UserWarning):
+    """Most of the light on a detector stands in few of the rays that arrived there."""
 
 
 class OtherChannels(UserWarning):
@@ -50,6 +62,22 @@ def stopped_notes(stopped: float, errors: float, limit: str, remedy: str) -> lis
             f"{errors:.3%} of the light met faces in a wrong order (geometry errors); bodies "
             "overlap or touch: raymap query MAP 'event(geometry_error)' shows where"
         )
+    return notes
+
+
+def uneven_notes(detectors: dict[str, DetectorCount]) -> list[str]:
+    """What is said of detectors whose light few rays carry, by their state of polarisation."""
+    notes = []
+    for name, count in detectors.items():
+        effective = float(count.whole.effective)
+        if count.total <= _NOTHING * count.whole.source_flux.sum():
+            continue
+        if count.arrived >= _FEW and effective < EVEN_SHARE * count.arrived:
+            notes.append(
+                f"detectors.{name}: its light stands in few rays by their polarisation: the error "
+                f"is that of {effective:,.0f} equal rays, though {count.arrived:,} arrived; trace "
+                "more rays, with [trace] states = 'natural'"
+            )
     return notes
 
 

@@ -24,7 +24,9 @@ from tracer.run.results import (
     Progress,
     RecordResult,
     StoppedLight,
+    UnevenWeights,
     stopped_notes,
+    uneven_notes,
 )
 from tracer.run.trace import TRANSPORT_LAW, Trace
 from tracer.transport.counts import Counts
@@ -150,6 +152,9 @@ class Run:
             warnings.warn(note, StoppedLight, stacklevel=3)
         for note in self.other_channels:
             warnings.warn(note, OtherChannels, stacklevel=3)
+        uneven = uneven_notes(counts.detectors) if self.trace.parameters.get("polarised") else []
+        for note in uneven:
+            warnings.warn(note, UnevenWeights, stacklevel=3)
         return RecordResult(
             rays=self.tally.rays,
             records=self.tally.records,
@@ -161,7 +166,7 @@ class Run:
             audit=self.tally.audit(),
             absorbed_by=self.tally.absorbed_by(),
             fluxes=counts.fluxes(),
-            warnings=[*notes, *self.other_channels],
+            warnings=[*notes, *self.other_channels, *uneven],
             interrupted=interrupted,
             counts=counts,
         )

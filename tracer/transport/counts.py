@@ -67,6 +67,18 @@ class Count:
         """(…) standard error of the flux at each place."""
         return np.asarray(np.sqrt(np.tensordot(self.factors**2, self.spread, axes=1)))
 
+    @property
+    def effective(self) -> Array:
+        """(…) effective sample size: as many equal rays would give flux as good.
+
+        (Σ f)² / Σ f² over the emissions, f being the flux that each brings: L. Kish, Survey
+        Sampling (1965), 11.7.
+        """
+        squares = np.tensordot(self.factors**2, self.squares, axes=1)
+        return np.asarray(
+            np.divide(self.flux**2, squares, out=np.zeros_like(squares), where=squares > 0.0)
+        )
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DetectorCount:
@@ -76,6 +88,7 @@ class DetectorCount:
     ----------
     cells : flux by cell, places (cells_v, cells_u)
     whole : flux by detector, no places
+    arrived : rays (emissions) of which it registered anything
     by_channel : (G, cells_v, cells_u, n_channels) Σ w c
     squares_by_channel : (G, cells_v, cells_u, n_channels) Σ over emissions of (Σ w c)²
     worth : (G, n_channels) worth of each channel's light (`raymap.optics.photometry`)
@@ -88,6 +101,7 @@ class DetectorCount:
     squares_by_channel: Array
     worth: Array
     radiant: Array
+    arrived: int = 0
 
     def __add__(self, other: DetectorCount) -> DetectorCount:
         return DetectorCount(
@@ -97,6 +111,7 @@ class DetectorCount:
             squares_by_channel=self.squares_by_channel + other.squares_by_channel,
             worth=self.worth,
             radiant=self.radiant,
+            arrived=self.arrived + other.arrived,
         )
 
     @property
@@ -167,6 +182,7 @@ class Counts:
     endings : a group per source, places (n_classes,)
     objects, media : names of what absorbs, the places of ``taken``
     detectors : by name
+    weighted : whether rays weigh differently
     """
 
     flux_unit: str
@@ -177,6 +193,7 @@ class Counts:
     media: tuple[str, ...]
     taken: Count
     detectors: dict[str, DetectorCount] = field(default_factory=dict)
+    weighted: bool = False
 
     def __add__(self, other: Counts) -> Counts:
         return Counts(
@@ -188,6 +205,7 @@ class Counts:
             media=self.media,
             taken=self.taken + other.taken,
             detectors={name: own + other.detectors[name] for name, own in self.detectors.items()},
+            weighted=self.weighted or other.weighted,
         )
 
     def stored_sums(self, number: int) -> tuple[Array, Array]:
@@ -216,10 +234,15 @@ class Counts:
                 "objects": {names[k]: _plain(flux[k], se[k]) for k in lit if k < n},
                 "media": {names[k]: _plain(flux[k], se[k]) for k in lit if k >= n},
             },
-            "detectors": {
-                name: _plain(count.total, count.total_se) for name, count in self.detectors.items()
-            },
+            "detectors": {name: self._at(count) for name, count in self.detectors.items()},
         }
+
+    def _at(self, count: DetectorCount) -> dict[str, Any]:
+        """What a detector saw; of rays that weigh differently also how many equal ones that is."""
+        row = _plain(count.total, count.total_se)
+        if not self.weighted:
+            return row
+        return row | {"rays": count.arrived, "effective_rays": float(count.whole.effective)}
 
 
 def add_counts(parts: list[Counts]) -> Counts:

@@ -169,6 +169,7 @@ class Pinholes:
         self.objects = self._objects()
         self.share = _relative_flux(compilation)
         self.radiant, self.worth = _common_light(compilation)
+        self.arrived = dict.fromkeys(self.detectors, 0)
         self._seen: dict[int, list[tuple[I64, I64, F64]]] = {}
         self._local = threading.local()
 
@@ -281,6 +282,7 @@ class Pinholes:
             last = np.full(len(sums[0]) + 1, -1, np.int64)
             partial = np.zeros((len(last), self.n_channels))
             squares = self.squares[k]
+            self.arrived[k] += len(np.unique(ray))
             _add_up(cell, ray, light, self.worth[0], sums[0], sums[1], squares, last, partial)
 
     def counts(self, emitted: I64) -> dict[str, DetectorCount]:
@@ -312,6 +314,7 @@ class Pinholes:
                 squares_by_channel=sums2[None],
                 worth=self.worth,
                 radiant=self.radiant,
+                arrived=self.arrived[k],
             )
         return found
 

@@ -80,16 +80,17 @@ class Tally:
                 f"the detectors' {n_cells:,} cells do not fit in memory; give them fewer cells"
             ) from None
         self._emissions = 0
+        self.weighted = False
         self._lock = threading.Lock()
 
     def _allocate(self, n_groups: int, n_cells: int, n_takers: int) -> None:
         """Sums and squares by place, and what the emission at hand (from 1 on) has brought."""
         n_detectors = len(self._cells)
         places = len(CLASSES) + n_takers + n_detectors
-        # Of all rays Σw, Σwy and Σ(wy)²
-        self.endings = np.zeros((3, len(self.fluxes), len(CLASSES)))
-        self._taken = np.zeros((3, n_groups, n_takers))
-        self._whole = np.zeros((3, n_groups, n_detectors))
+        # Of all rays Σw, Σwy and Σ(wy)², and how many emissions they are
+        self.endings = np.zeros((4, len(self.fluxes), len(CLASSES)))
+        self._taken = np.zeros((4, n_groups, n_takers))
+        self._whole = np.zeros((4, n_groups, n_detectors))
         self._sums = lazy_zeros((n_groups, n_cells, self.n_channels))
         self._sums2 = lazy_zeros((n_groups, n_cells, self.n_channels))
         self._squares = lazy_zeros((n_groups, n_cells))
@@ -117,6 +118,7 @@ class Tally:
         weights = np.ones(0) if weight is None else np.asarray(weight, np.float64)
         emissions = np.zeros(0, np.int64) if emission is None else np.asarray(emission, np.int64)
         with self._lock:
+            self.weighted |= weight is not None
             self.rays += portion.n_rays
             self.records += portion.n_records if records is None else records
             self.emitted += portion.emitted
@@ -160,8 +162,9 @@ class Tally:
             ),
             objects=tuple(item.name for item in directory.objects),
             media=tuple(item.name for item in directory.media),
-            taken=self._count(*self._taken[1:].copy()),
+            taken=self._count(*self._taken[1:3].copy()),
             detectors={item.name: self.detector(k) for k, item in enumerate(directory.detectors)},
+            weighted=self.weighted,
         )
 
     def detector(self, number: int) -> DetectorCount:
@@ -179,11 +182,12 @@ class Tally:
             sums2[:, own] = self._sums2[:, part] / COLOR_SCALE**2
         return DetectorCount(
             cells=self._count(cells.reshape(-1, n_v, n_u), squares.reshape(-1, n_v, n_u)),
-            whole=self._count(*self._whole[1:, :, number].copy()),
+            whole=self._count(*self._whole[1:3, :, number].copy()),
             by_channel=by_channel.reshape(-1, n_v, n_u, n_channels),
             squares_by_channel=sums2.reshape(-1, n_v, n_u, n_channels),
             worth=self._worth_of_group,
             radiant=self._radiant,
+            arrived=int(self._whole[3, :, number].sum()),
         )
 
     def _lit(self, first: int, end: int) -> Iterator[tuple[int, int]]:
@@ -314,6 +318,7 @@ def _bring(
     if last[slot] != number:
         last[slot] = number
         part[slot] = 0.0
+        sums[3, group, place] += 1.0
     light = weight * worth
     sums[0, group, place] += weight
     sums[1, group, place] += light

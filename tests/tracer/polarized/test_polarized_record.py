@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from raymap.model.portion import Portion
 from tracer import compile_scene, parse_scene
 from tracer.lens import Lens
 from tracer.polarized.record import Polarization, PolarizedWavefront, record_polarized
+from tracer.run.results import UnevenWeights
 from tracer.scene.load import load_scene
 from tracer.studies.lenses.lens_beams import parallel_beam
 from tracer.studies.lenses.levels import level_shares
@@ -227,6 +229,83 @@ def test_malus_in_a_recorded_scene(degrees: float) -> None:
         np.testing.assert_allclose(
             stokes, [[math.cos(2 * angle), math.sin(2 * angle), 0.0]] * len(stokes), atol=1e-5
         )
+
+
+STRAINED = """
+[surfaces.first]
+kind = "polariser"
+absorbs = [0, 1, 0]
+[surfaces.half_wave]
+kind = "retarder"
+slow = [1, 1, 0]
+retardance_nm = 275
+[surfaces.second]
+kind = "polariser"
+absorbs = [1, 0, 0]
+[bodies.first]
+kind = "disc"
+outer = 9
+position = [0, 0, 1]
+surface = "first"
+[bodies.spot]
+kind = "disc"
+outer = 0.2
+position = [0, 0, 2]
+surface = "half_wave"
+[bodies.second]
+kind = "disc"
+outer = 9
+position = [0, 0, 3]
+surface = "second"
+[spectrum]
+kind = "spectral"
+wavelengths_nm = [550]
+[sources.lamp]
+kind = "collimated"
+direction = [0, 0, 1]
+diameter = 2
+flux = 5
+[detectors.between]
+position = [0, 0, 1.5]
+looks = [0, 0, -1]
+size = [9, 9]
+cells = [1, 1]
+[detectors.behind]
+position = [0, 0, 4]
+looks = [0, 0, -1]
+size = [9, 9]
+cells = [1, 1]
+"""
+
+
+@pytest.mark.parametrize("states", ["linear", "natural"])
+def test_effective_rays_are_those_that_carry_the_light(
+    states: Literal["linear", "natural"],
+) -> None:
+    """Crossed polarisers with a half-wave spot: 4 % of the rays that arrive carry all light.
+
+    Weights behind one polariser are 2, or 2 · 2 cos² of a random azimuth: (Σw)² / Σw² is all or 2/3
+    of the rays. Between the two each ray counts by its weight in the end: half have none.
+    """
+    n = 40_000
+    scene = parse_scene('length_unit = "mm"\n' + STRAINED)
+    with pytest.warns(UnevenWeights, match=r"detectors\.behind: .* trace more rays"):
+        result = record_polarized(
+            scene, None, rays=n, threads=1, polarization=Polarization(states=states)
+        )
+    between, behind = (result.fluxes["detectors"][name] for name in ("between", "behind"))
+    even = 1.0 if states == "natural" else 2.0 / 3.0
+    assert between["rays"] == pytest.approx(n / 2, abs=4.5 * math.sqrt(n / 4))
+    assert between["effective_rays"] == pytest.approx(0.5 * even * between["rays"], rel=0.04)
+    assert behind["flux"] == pytest.approx(0.5 * 5 * 0.04, abs=4.5 * behind["flux_se"])
+    assert behind["rays"] == pytest.approx(n / 4, abs=4.5 * math.sqrt(n / 4))
+    assert behind["effective_rays"] == pytest.approx(even * 0.04 * behind["rays"], rel=0.25)
+    # The error that is printed is that of so many equal rays
+    assert behind["flux_se"] / behind["flux"] == pytest.approx(
+        behind["effective_rays"] ** -0.5, rel=0.02
+    )
+    assert result.warnings
+    assert "detectors.between" not in " ".join(result.warnings)
 
 
 def test_rayleigh_scattering_polarises() -> None:
