@@ -233,6 +233,10 @@ def view(
     criterion: Annotated[
         str | None, typer.Option("--criterion", "-c", help="Begin with this criterion.")
     ] = None,
+    render: Annotated[
+        Literal["auto", "client", "server"],
+        typer.Option(help="Who draws the scene: the browser, this program, or the faster of them."),
+    ] = "auto",
     window: Annotated[
         bool, typer.Option("--window", help="The scene alone, in a window (PyVista).")
     ] = False,
@@ -255,4 +259,4 @@ def view(
             return
         from viewer.app.server import serve
 
-        serve(ray_map, state=state, port=port, browser=not no_browser)
+        serve(ray_map, state=state, port=port, browser=not no_browser, render=render)

@@ -3,38 +3,145 @@
 (function () {
   const call = (name, ...args) => window.trame.trigger(name, args);
 
-  // -- 3D view: shows pictures that the program paints, sends what the mouse does -------------
+  // -- 3D view: draws the scene here, or shows pictures that the program paints -----------------
+  // Whoever is faster draws: the page measures its first second, then asks for pictures.
+  const ENOUGH = 30, TRIAL_MS = 700, LARGEST = 2 ** 28;
   const RmView = {
-    props: { version: { type: Number, default: 0 }, cursor: { type: String, default: "grab" } },
+    props: { version: { type: Number, default: 0 }, render: { type: String, default: "auto" } },
     template: `
       <div class="rm-view" ref="box" :style="{cursor: dragging ? 'grabbing' : 'default'}"
-           tabindex="0" data-testid="view" :data-version="version" :data-painted="painted" :data-busy="pending"
+           tabindex="0" data-testid="view" :data-version="version" :data-painted="painted"
+           :data-busy="pending" :data-drawn-by="own ? 'client' : 'server'" :data-rates="rates"
            @pointerdown="down" @pointermove="move" @pointerup="up" @pointercancel="up"
-           @pointerleave="hideTip" @wheel.prevent="wheel" @dblclick="fit" @contextmenu.prevent>
-        <img v-show="src" :src="src" draggable="false" alt="scene with rays"/>
+           @pointerleave="hideTip" @wheel.prevent="wheel" @dblclick="fit" @contextmenu.prevent
+           @keydown="key">
+        <canvas v-show="own" ref="canvas" data-testid="canvas"></canvas>
+        <img v-show="src && !own" :src="src" draggable="false" alt="scene with rays"/>
         <div v-if="slow" class="rm-spinner"></div>
         <div v-if="tip" class="rm-tip" :style="{left: tipX + 'px', top: tipY + 'px'}">{{ tip }}</div>
       </div>`,
     data: () => ({ src: null, painted: -1, pending: 0, slow: false, dragging: null, tip: "",
-                   tipX: 0, tipY: 0 }),
+                   tipX: 0, tipY: 0, own: false, rates: "" }),
     created() {
       this.queue = null; this.again = false; this.fine = null; this.hover = null;
-      this.spin = null;
+      this.spin = null; this.scene = null; this.resting = null; this.asked = 0;
     },
     mounted() {
-      this.observer = new ResizeObserver(() => this.request({}));
+      this.observer = new ResizeObserver(() => this.refresh());
       this.observer.observe(this.$refs.box);
-      this.request({});
+      if (this.render !== "server") this.open();
+      this.refresh();
     },
     beforeUnmount() { this.observer.disconnect(); },
-    watch: { version() { this.request({}); } },
+    watch: { version() { this.refresh(); } },
     methods: {
       size() {
         const box = this.$refs.box.getBoundingClientRect();
         return { width: Math.round(box.width), height: Math.round(box.height),
                  ratio: Math.min(window.devicePixelRatio || 1, 2) };
       },
-      // One request at a time: what the mouse does meanwhile is added up
+      refresh() { if (this.scene) this.pull(); else this.request({}); },
+
+      // -- drawn here ----------------------------------------------------------------------------
+      open() {
+        try {
+          this.scene = new window.RaymapScene.Scene(this.$refs.canvas);
+          this.$refs.box.raymapScene = this.scene;
+        } catch (error) {
+          this.scene = null;  // pictures of the program instead
+        }
+      },
+      // Get what the page does not hold; one request at a time
+      async pull() {
+        if (this.pending) { this.again = true; return; }
+        const { width, height, ratio } = this.size();
+        if (width < 8 || height < 8) return;
+        this.pending = 1;
+        const version = this.version;
+        try {
+          const scene = this.scene;
+          const news = await call("rm_scene", { width, height, have: { ...scene.have } });
+          if (!news) return;
+          scene.resize(width, height, ratio);
+          let whole = true;
+          for (const part of news.parts) {
+            const data = part.bytes > LARGEST ? null : await this.bytes(part);
+            if (part.bytes > LARGEST) { this.giveUp(); return; }
+            if (data) scene.take(part, data); else whole = false;
+          }
+          if (scene.lost) { this.giveUp(); return; }
+          if (!whole) this.again = true;
+          else if (!scene.ready) return;
+          else if (!this.own && !(await this.decide())) return;
+          else { scene.paint(); this.painted = version; }
+        } finally {
+          this.pending = 0;
+          const more = this.again || this.version !== version;
+          this.again = false;
+          if (more) this.refresh();
+        }
+      },
+      // The bytes of a part, in chunks where they are many; null where they came too late
+      async bytes(part) {
+        if (part.data) return new Uint8Array(await plain(part.data));
+        const whole = new Uint8Array(part.bytes);
+        let at = 0;
+        while (at < part.bytes) {
+          const chunk = await call("rm_chunk", part.name, part.revision, at);
+          const data = chunk && new Uint8Array(await plain(chunk));
+          if (!data || !data.length) return null;
+          whole.set(data, at);
+          at += data.length;
+        }
+        return whole;
+      },
+      // Whether this page draws: measured against pictures of the program, once
+      async decide() {
+        this.own = true;
+        if (this.render === "client") return true;
+        await this.$nextTick();
+        this.scene.rate(0);  // compiles
+        const here = this.scene.rate(TRIAL_MS);
+        let there = 0;
+        if (here < ENOUGH) {
+          const ask = { ...this.size(), coarse: true };
+          await call("rm_frame", ask);
+          const start = performance.now();
+          for (let i = 0; i < 2; i++) await call("rm_frame", ask);
+          there = 2000 / (performance.now() - start);
+        }
+        this.rates = `${here.toFixed(1)} ${there.toFixed(1)}`;
+        if (here >= there) return true;
+        this.giveUp();
+        return false;
+      },
+      giveUp() { this.scene = null; this.own = false; this.again = true; },
+      moved(camera) {
+        this.scene.camera = camera;
+        this.scene.draw();
+        clearTimeout(this.resting);
+        // While the mouse holds the scene nothing is sent
+        if (!this.dragging) this.resting = setTimeout(() => this.tell(), 150);
+      },
+      tell() {
+        clearTimeout(this.resting);
+        this.resting = null;
+        call("rm_eye", { ...this.size(), camera: this.scene.camera });
+      },
+      act(action) {
+        if (!this.own) { this.request({ ...action, coarse: true }); return; }
+        const { width, height } = this.size(), { Camera } = window.RaymapScene;
+        let camera = this.scene.camera;
+        if (action.orbit) camera = Camera.orbit(camera, ...action.orbit, height);
+        if (action.pan) camera = Camera.pan(camera, ...action.pan, height);
+        if (action.zoom) {
+          const { x = width / 2, y = height / 2 } = action;
+          camera = Camera.zoom(camera, action.zoom, x, y, width, height);
+        }
+        this.moved(camera);
+      },
+
+      // -- pictures of the program: one request at a time, what the mouse does meanwhile adds up ---
       async request(action) {
         const waiting = this.queue;
         if (waiting) {
@@ -67,9 +174,16 @@
           }
         }
       },
+
+      // -- the mouse -------------------------------------------------------------------------------
       place(event) {
         const box = this.$refs.box.getBoundingClientRect();
         return [event.clientX - box.left, event.clientY - box.top];
+      },
+      // Where the picture on the page is seen from, for the picker of the program
+      sight(x, y) {
+        const at = { ...this.size(), x, y };
+        return this.own ? { ...at, camera: this.scene.camera } : at;
       },
       down(event) {
         this.hideTip();
@@ -77,6 +191,7 @@
         const [x, y] = this.place(event);
         this.dragging = { x, y, x0: x, y0: y, moved: false,
                           pan: event.button !== 0 || event.shiftKey || event.ctrlKey };
+        if (this.scene) this.scene.held = true;
       },
       move(event) {
         const [x, y] = this.place(event);
@@ -86,27 +201,41 @@
         drag.moved = true;
         const step = [x - drag.x, y - drag.y];
         drag.x = x; drag.y = y;
-        this.request({ [drag.pan ? "pan" : "orbit"]: step, coarse: true });
+        this.act({ [drag.pan ? "pan" : "orbit"]: step });
       },
       up(event) {
         const drag = this.dragging;
         this.dragging = null;
+        if (this.scene) this.scene.held = false;
         if (!drag) return;
+        if (drag.moved && this.own) this.tell();
         const [x, y] = this.place(event);
         if (!drag.moved && event.type === "pointerup" && event.button === 0) {
-          call("rm_pick", { ...this.size(), x, y });
+          call("rm_pick", this.sight(x, y));
         }
       },
       wheel(event) {
         const [x, y] = this.place(event);
         const step = Math.max(-1, Math.min(1, -event.deltaY / 100));
-        this.request({ zoom: Math.pow(1.2, step), x, y, coarse: true });
+        this.act({ zoom: Math.pow(1.2, step), x, y });
+      },
+      key(event) {
+        const turns = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+        const turn = turns[event.key];
+        if (turn) {
+          const step = this.size().height / (event.altKey ? 180 : 36);
+          this.act({ [event.shiftKey ? "pan" : "orbit"]: [turn[0] * step, turn[1] * step] });
+        } else if (event.key === "+" || event.key === "-") {
+          this.act({ zoom: event.key === "+" ? 1.2 : 1 / 1.2 });
+        } else if (event.key === "Home") this.fit();
+        else return;
+        event.preventDefault();
       },
       fit() { call("rm_camera", "fit"); },
       rest(x, y) {
         this.hideTip();
         this.hover = setTimeout(async () => {
-          const text = await call("rm_hover", { ...this.size(), x, y });
+          const text = await call("rm_hover", this.sight(x, y));
           if (text && !this.dragging) {
             const width = this.$refs.box.clientWidth;
             this.tipX = Math.min(x + 14, width - 220); this.tipY = y + 14; this.tip = text;
@@ -116,6 +245,8 @@
       hideTip() { clearTimeout(this.hover); this.tip = ""; },
     },
   };
+  // Bytes of an answer, however they came
+  const plain = async (data) => (data instanceof Blob ? data.arrayBuffer() : data);
   const add = (a, b) => (a && b ? [a[0] + b[0], a[1] + b[1]] : a || b);
 
   // -- detector image with a region drawn by the mouse -----------------------------------------
