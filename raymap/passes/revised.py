@@ -226,6 +226,23 @@ class RevisedMap(MapView):
         """The same changes to another map of the same faces, media and sources."""
         return RevisedMap(base, self.changed, self._sources)
 
+    def with_further(
+        self,
+        changed: Callable[[int, ChangedLaws], ChangedLaws],
+        sources: dict[int, Source],
+    ) -> RevisedMap:
+        """These changes, and others on top of them.
+
+        Parameters
+        ----------
+        changed : both together, by number of the channel set, of those of this view
+        """
+        return RevisedMap(
+            self.base,
+            lambda number: changed(number, self._changed[number]),
+            {**self._sources, **sources},
+        )
+
     # -- what a map offers ---------------------------------------------------------------------
 
     def reweighting(self, channel_set: int) -> Reweighting:

@@ -213,6 +213,10 @@ class MapView(RayMap):
         """(n_merged_paths,) by what all rays of each path count more; None where rays differ."""
         return None
 
+    def changed(self, channel_set: int) -> Any:
+        """`raymap.passes.reweighting.ChangedLaws` of what it looks at; None of no changes."""
+        return self.base.changed(channel_set) if isinstance(self.base, MapView) else None
+
     @property
     def impossible(self) -> int:
         """Events met so far that the recorded laws do not allow: rounding put them there."""

@@ -122,8 +122,14 @@ class Changes:
     sources: dict[int, Source] = field(default_factory=dict)
     colors: dict[int, Any] = field(default_factory=dict)
 
-    def laws(self, map: RayMap, channel_set: int) -> ChangedLaws:
+    def laws(
+        self, map: RayMap, channel_set: int, earlier: ChangedLaws | None = None
+    ) -> ChangedLaws:
         """For the channels of a set of the map.
+
+        Parameters
+        ----------
+        earlier : changes of the same map on which these come
 
         Raises
         ------
@@ -131,6 +137,7 @@ class Changes:
             The map states no laws, or values that do not fit its channels.
         """
         channels = map.channel_sets[channel_set]
+        before = earlier or ChangedLaws()
         known = map.laws(channel_set) if self.faces or self.media else None
         if (self.faces or self.media) and known is None:
             raise RayMapError(
@@ -138,16 +145,22 @@ class Changes:
                 "by an earlier version or another tracer), so that they cannot be changed; record "
                 "it again; sources can be changed"
             )
-        return ChangedLaws(
-            faces={} if known is None else self._faces(map.directory, channels, known),
-            media={} if known is None else self._media(map.directory, channels, known),
-            sources=self._sources(map.directory, channels),
-        )
+        faces, media = dict(before.faces), dict(before.media)
+        if known is not None:
+            faces.update(self._faces(map.directory, channels, known, before))
+            media.update(self._media(map.directory, channels, known, before))
+        sources = self._sources(map.directory, channels)
+        if sources is None or before.sources is None:
+            sources = before.sources if sources is None else sources
+        else:
+            others = [k for k in range(len(sources)) if k not in self.colors]
+            sources[others] = before.sources[others]
+        return ChangedLaws(faces=faces, media=media, sources=sources)
 
     def _faces(
-        self, directory: Directory, channels: ChannelSet, known: Laws
+        self, directory: Directory, channels: ChannelSet, known: Laws, before: ChangedLaws
     ) -> dict[int, tuple[Law, Law]]:
-        made: dict[tuple[int, tuple[int, ...]], tuple[Law, Law]] = {}
+        made: dict[tuple[int, int, tuple[int, ...]], tuple[Law, Law]] = {}
         found = {}
         for face, steps in self.faces.items():
             surface = int(directory.faces.surface[face])
@@ -158,9 +171,10 @@ class Changes:
                     "it cannot be changed"
                 )
             # Faces of one surface share their laws, so that what is evaluated for one serves all
-            key = surface, tuple(id(step) for step in steps)
+            start = before.faces[face][1] if face in before.faces else old
+            key = surface, id(start), tuple(id(step) for step in steps)
             if key not in made:
-                new = old
+                new = start
                 for step in steps:
                     new = step(new, channels)
                 made[key] = old, new
@@ -168,7 +182,7 @@ class Changes:
         return found
 
     def _media(
-        self, directory: Directory, channels: ChannelSet, known: Laws
+        self, directory: Directory, channels: ChannelSet, known: Laws, before: ChangedLaws
     ) -> dict[int, MediumChange]:
         found = {}
         n = channels.n_channels
@@ -178,8 +192,12 @@ class Changes:
             own = channels.absorption[number] if number < len(channels.absorption) else (0.0,) * n
             absorption = np.asarray(own, np.float64)
             scattering = np.asarray(law.scattering or (0.0,) * n, np.float64)
-            new_absorption = _by_channel(values.get("absorption", absorption), n, name)
-            new_scattering = _by_channel(values.get("scattering", scattering), n, name)
+            now = absorption, scattering
+            if number in before.media:
+                earlier = before.media[number]
+                now = earlier.absorption[1], earlier.scattering[1]
+            new_absorption = _by_channel(values.get("absorption", now[0]), n, name)
+            new_scattering = _by_channel(values.get("scattering", now[1]), n, name)
             for what, old, new in (
                 ("absorbs", absorption, new_absorption),
                 ("scatters", scattering, new_scattering),

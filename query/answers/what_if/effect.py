@@ -84,9 +84,9 @@ def _with_stops(map: RayMap, stops: Sequence[str]) -> MapView:
     return StoppedMap(map, parse_stops(stops, map.directory))
 
 
-def _revised(
-    map: RayMap, changes: Mapping[str, Any] | None, scene: str | Path | None
-) -> RevisedMap:
+def _revised(map: RayMap, changes: Mapping[str, Any] | None, scene: str | Path | None) -> MapView:
+    if isinstance(map, PlacedMap):
+        return map.over(_revised(map.base, changes, scene))
     names = {name for portion in map.portions[:1] for name in portion.column_names}
     if (changes is None) == (scene is None):
         raise RayMapError("say what is changed: changes, or a scene that has them")
@@ -105,6 +105,11 @@ def _revised(
     if len(map.shards) != 1:
         raise RayMapError(
             "a folder of maps cannot be changed as one yet: join it first (raymap query -o)"
+        )
+    if isinstance(map, RevisedMap):
+        recorded = map.base
+        return map.with_further(
+            lambda number, known: resolved.laws(recorded, number, known), resolved.sources
         )
     return RevisedMap(map, lambda number: resolved.laws(map, number), resolved.sources)
 

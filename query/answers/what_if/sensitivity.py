@@ -20,7 +20,8 @@ from raymap.model.rows import squares_by_emission
 from raymap.optics.fluxes import variances
 from raymap.passes.branches import partners_of
 from raymap.passes.derivatives import Derivatives, Slopes, is_diffuse
-from raymap.passes.revised import LOOKED_AT, RevisedMap
+from raymap.passes.revised import LOOKED_AT
+from raymap.passes.views import MapView
 
 if TYPE_CHECKING:
     from raymap.file.reader import RayMap
@@ -180,7 +181,8 @@ class _Pass:
                 f"{self.map.path} does not say what its surfaces and media do to light (it was "
                 "recorded by an earlier version or another tracer): record it again"
             )
-        new = self.map.changed(channel_set).faces if isinstance(self.map, RevisedMap) else {}
+        changed = self.map.changed(channel_set) if isinstance(self.map, MapView) else None
+        new = {} if changed is None else changed.faces
         found = {}
         names = directory.faces
         for face, surface in enumerate(names.surface.tolist()):
@@ -317,7 +319,8 @@ def _reach(row: SensitivityRow) -> float:
 def _absorption(map: RayMap, channel_set: int) -> dict[int, Floats]:
     """Absorption coefficients by channel of the media that absorb."""
     found = {}
-    new = map.changed(channel_set).media if isinstance(map, RevisedMap) else {}
+    changed = map.changed(channel_set) if isinstance(map, MapView) else None
+    new = {} if changed is None else changed.media
     for number, row in enumerate(map.channel_sets[channel_set].absorption):
         own = np.asarray(row, np.float64)
         coefficient = new[number].absorption[1] if number in new else own

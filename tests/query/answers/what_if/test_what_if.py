@@ -247,6 +247,28 @@ def test_changes_commute(base: Any) -> None:
     np.testing.assert_allclose(*fluxes, rtol=1e-12)
 
 
+def test_changes_on_top_of_changes_are_the_changes_together(base: Any) -> None:
+    _, ray_map = base
+    place = "plane(z=10, size=[40, 40])"
+    first = {"paint.reflectance": 0.1, "lamp.flux": 1.0, "lamp.spectrum": [0.6, 0.3, 0.1]}
+    second = {
+        "paint.reflectance": 0.3, "glass.absorption": 0.1, "beam.flux": 0.5,
+        "beam.spectrum": [0.2, 0.2, 0.6],
+    }  # fmt: skip
+    together = query.what_if(ray_map, {**first, **second})
+    one_by_one = query.what_if(query.what_if(ray_map, first), second)
+    with_plane = query.what_if(query.with_detectors(query.what_if(ray_map, first), place), second)
+    for criterion in CRITERIA[:5]:
+        told = query.select(together, criterion).flux
+        assert query.select(one_by_one, criterion).flux == pytest.approx(told, rel=1e-9)
+        assert query.select(with_plane, criterion).flux == pytest.approx(told, rel=5e-5)
+        assert query.effect(ray_map, one_by_one, criterion).after.flux == pytest.approx(
+            told, rel=1e-4
+        )
+    slopes = [query.sensitivity(each, CRITERIA[2]).rows[0] for each in (together, with_plane)]
+    assert slopes[0].derivative == pytest.approx(slopes[1].derivative, rel=1e-4)
+
+
 def test_light_of_all_rays_keeps_its_sum(base: Any) -> None:
     """Whatever is changed without opening what was never drawn, no light is lost or made."""
     _, ray_map = base
