@@ -43,7 +43,7 @@ def make_server(guard: Guard) -> Any:
     server.enable_module(
         {
             "serve": {"__raymap": str(STATIC)},
-            "scripts": ["__raymap/scene.js", "__raymap/raymap.js"],
+            "scripts": [f"__raymap/{name}.js" for name in ("lettering", "scene", "raymap")],
             "styles": ["__raymap/raymap.css"],
             "vue_use": ["RaymapWidgets"],
         }

@@ -16,6 +16,7 @@
            @pointerleave="hideTip" @wheel.prevent="wheel" @dblclick="fit" @contextmenu.prevent
            @keydown="key">
         <canvas v-show="own" ref="canvas" data-testid="canvas"></canvas>
+        <canvas v-show="own" ref="letters" class="rm-letters"></canvas>
         <img v-show="src && !own" :src="src" draggable="false" alt="scene with rays"/>
         <div v-if="slow" class="rm-spinner"></div>
         <div v-if="tip" class="rm-tip" :style="{left: tipX + 'px', top: tipY + 'px'}">{{ tip }}</div>
@@ -46,6 +47,7 @@
       open() {
         try {
           this.scene = new window.RaymapScene.Scene(this.$refs.canvas);
+          this.scene.letters = this.$refs.letters;
           this.$refs.box.raymapScene = this.scene;
         } catch (error) {
           this.scene = null;  // pictures of the program instead

@@ -398,6 +398,7 @@
         this._call(() => gl.drawArraysInstanced(gl.LINES, 0, 2, parts.outlines.count));
       }
       this._chosen(all, ratio);
+      if (this.letters) this.written = window.RaymapLettering.letter(this.letters, this, view);
       this.frames++;
     }
 

@@ -81,6 +81,7 @@ class LiveScene:
     def __init__(self, bodies: Sequence[Body], directory: Directory) -> None:
         self.bodies = list(bodies)
         self.center: NDArray[np.float64] = made.scene_center(bodies, directory)
+        self.unit = directory.length_unit
         self.revision = 0
         self._parts: dict[str, tuple[int, Part]] = {}
         self._keys: dict[str, tuple[object, ...]] = {}
@@ -105,7 +106,8 @@ class LiveScene:
                        lambda: made.cut_outline(bodies, state.section, center))  # fmt: skip
             self._take("chosen", (now.chosen, state.point),
                        lambda: made.chosen_ray(now.chosen, state.point, center))  # fmt: skip
-            self._take("style", (state.dark, state.width), lambda: made.style(state, center))
+            self._take("style", (state.dark, state.width, state.names),
+                       lambda: made.style(state, center, self.unit))  # fmt: skip
             self._take("camera", (now.camera,), lambda: made.camera_part(now.camera))
 
     def _take(self, name: str, key: tuple[object, ...], make: Callable[[], Part]) -> None:

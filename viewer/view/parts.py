@@ -98,12 +98,9 @@ def body_triangles(bodies: Sequence[Body], center: NDArray[np.float64]) -> Part:
     """
     counts = [3 * len(body.corners) for body in bodies]
     firsts = np.concatenate(([0], np.cumsum(counts)))[:-1]
-    middles = [
-        (body.corners.reshape(-1, 3).astype(np.float64).mean(axis=0) - center).tolist()
-        if len(body.corners)
-        else [0.0, 0.0, 0.0]
-        for body in bodies
-    ]
+    boxes = [bodies_box([body]) or (center, center) for body in bodies]
+    lows, highs = ([(box[end] - center).tolist() for box in boxes] for end in (0, 1))
+    middles = [(0.5 * (low + high) - center).tolist() for low, high in boxes]
     box = bodies_box(bodies)
     reach = float(np.linalg.norm(box[1] - box[0]) / 2) if box is not None else 0.0
     corners = [body.corners.reshape(-1, 3) for body in bodies]
@@ -114,6 +111,8 @@ def body_triangles(bodies: Sequence[Body], center: NDArray[np.float64]) -> Part:
             "first": firsts.tolist(),
             "count": counts,
             "middle": middles,
+            "low": lows,
+            "high": highs,
             "reach": reach,
         },
         arrays={
@@ -214,9 +213,17 @@ def chosen_ray(rays: DrawnRays | None, point: int | None, center: NDArray[np.flo
     return Part(header={"point": marked}, arrays={"position": _near(rays.position, center)})
 
 
-def style(state: ViewState, center: NDArray[np.float64]) -> Part:
-    """Ground and width of lines."""
-    return Part(header={"dark": state.dark, "width": state.width, "center": center.tolist()})
+def style(state: ViewState, center: NDArray[np.float64], unit: str) -> Part:
+    """Ground, width of lines, whether bodies have their names, and the unit of lengths."""
+    return Part(
+        header={
+            "dark": state.dark,
+            "width": state.width,
+            "names": state.names,
+            "unit": unit,
+            "center": center.tolist(),
+        }
+    )
 
 
 def camera_part(camera: Camera) -> Part:

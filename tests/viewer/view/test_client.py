@@ -273,6 +273,25 @@ def test_a_criterion_draws_its_rays_alone(page: Drawn, server: RunningServer) ->
     assert page.tab.evaluate(f"({SCENE}).ends") > 2 * len(lines)
 
 
+def test_names_and_scale_are_written_over_the_picture(page: Drawn, server: RunningServer) -> None:
+    page.get("view-side").click()
+    page.settle()
+    look(page, server, names=True)
+    page.shot("client-names")
+    page.pixels()
+    written = page.tab.evaluate(f"({SCENE}).written")
+    assert written["names"] == 3
+    # The bar is the longest of 1, 2, 5 × 10ⁿ units that has at most 110 pixels
+    number, unit = written["scale"].split()
+    height = page.get("canvas").bounding_box()["height"]
+    share = float(number) / (page.camera()["height"] / height * 110)
+    assert unit == "mm"
+    assert 0.4 <= share <= 1
+    look(page, server, names=False)
+    page.pixels()
+    assert page.tab.evaluate(f"({SCENE}).written.names") == 0
+
+
 def test_what_comes_too_late_is_dropped(page: Drawn) -> None:
     took = page.tab.evaluate(
         f"""() => {{

@@ -82,7 +82,8 @@ def test_the_first_message_holds_the_whole_scene(session: Session) -> None:
         ({"body_opacity": 2.0}, {"looks"}),
         ({"section": Section(on=True)}, {"section", "cut"}),
         ({"width": 3.0}, {"style"}),
-        ({"names": True, "panel": "report", "detector": "sensor", "log_scale": False}, set()),
+        ({"names": True}, {"style"}),
+        ({"panel": "report", "detector": "sensor", "log_scale": False}, set()),
     ],
 )
 def test_a_change_sends_what_it_changes(
