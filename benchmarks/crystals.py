@@ -19,8 +19,8 @@ from pathlib import Path
 import numba
 import numpy as np
 
-from tracer.crystals.interface import WAVE, interface_batch
-from tracer.crystals.media import biaxial, isotropic, uniaxial
+from tracer.optics.crystals.interface import WAVE, interface_batch
+from tracer.optics.crystals.media import biaxial, isotropic, uniaxial
 from tracer.render.load import load_render_scene
 from tracer.render.renderer import render
 

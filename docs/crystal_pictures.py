@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from raymap.pictures.files import write_pixels
-from tracer.crystals.media import biaxial, calcite, uniaxial
+from tracer.optics.crystals.media import biaxial, calcite, uniaxial
 from tracer.render.images import to_bytes
 from tracer.studies.crystals.crystal_verification import verify_crystals
 from tracer.studies.microscopy.microscope import Microscope

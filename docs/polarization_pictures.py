@@ -8,8 +8,8 @@ import numpy as np
 
 from raymap.optics.colorimetry import channel_display_rgb, encode_srgb
 from raymap.pictures.files import write_chart, write_pixels
-from tracer.crystals.media import biaxial, calcite
 from tracer.lens import Glass, Lens
+from tracer.optics.crystals.media import biaxial, calcite
 from tracer.studies.lenses.cone import axial_cone, masked_cone
 from tracer.studies.lenses.lens_beams import parallel_beam
 from tracer.studies.lenses.lens_pictures import LensCamera, lens_picture

@@ -7,12 +7,15 @@ that it is in (`tracer.transport.medium_stack`).
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from raymap.jit.types import F64, I32, I64
+
+if TYPE_CHECKING:
+    from raymap.laws.amplitudes import Amplitudes
 
 # Columns of face_i: kind and shape (`tracer.geometry.kinds`), what a record says of the face, its
 # surface, the bodies behind and before its outward normal (-1 none), the blocking detector that
@@ -183,6 +186,22 @@ class Faces(NamedTuple):
     limits: I64
 
 
+class Carried(NamedTuple):
+    """What is needed where rays carry their state of polarisation: in scenes with crystals.
+
+    rows (n_channels, n_bodies + 1, ROW) : media of the bodies, the world last
+        (`tracer.optics.crystals.rows`)
+    k0 (n_channels,) : 2 pi / wavelength [1 / scene unit]
+    vibration (n_sources, 3) : of polarised sources, zero for natural light
+    laws : what surfaces do to polarised light
+    """
+
+    rows: F64
+    k0: F64
+    vibration: F64
+    laws: Amplitudes
+
+
 class CompiledScene(NamedTuple):
     """All that a trace needs.
 
@@ -208,6 +227,7 @@ class CompiledScene(NamedTuple):
     light_pool, light_rays : tables of sources (`tracer.sources.light_pool`); None where all are
         plain
     views : detectors that are no planes; None where there are none
+    carried : what rays need that carry their polarisation; None where none does
     """
 
     face_i: I64
@@ -239,6 +259,7 @@ class CompiledScene(NamedTuple):
     light_pool: F64 | None = None
     light_rays: NDArray[np.float32] | None = None
     views: Views | None = None
+    carried: Carried | None = None
 
     @property
     def faces(self) -> Faces:

@@ -31,6 +31,7 @@ from raymap.jit.types import F64, I64
 from raymap.laws.jones import (
     BARE,
     DEPOLARISES,
+    EVEN,
     EVEN_MIRROR,
     LAYERS,
     METAL,
@@ -59,7 +60,7 @@ from raymap.optics.waves import (
     turn_waves,
 )
 
-__all__ = ["Amplitudes", "Met", "amplitudes_of_laws", "meet_waves"]
+__all__ = ["Amplitudes", "Met", "all_drawn", "amplitudes_of_laws", "meet_waves", "shares_of_state"]
 
 _THROUGH = int(Event.SPECULAR_REFRACTION)
 _SPECULAR = int(Event.SPECULAR_REFLECTION | Event.TIR) | _THROUGH
@@ -67,6 +68,8 @@ _TOTAL = int(Event.TIR)
 _GLOSSY_THROUGH = int(Event.GLOSSY_TRANSMISSION)
 _GLOSSY = int(Event.GLOSSY_REFLECTION) | _GLOSSY_THROUGH
 _ABSORBED = int(Event.SURFACE_ABSORPTION)
+
+_SMOOTH = (BARE, EVEN, EVEN_MIRROR, METAL, LAYERS, TABLES)
 
 _F, _FIRST, _STEP, _SCATTER, _SCATTER_STEP, _FACETS = range(6)
 
@@ -187,6 +190,49 @@ def meet_waves(
     normalise_waves(waves, power)
     left = max(0.0, power - scattered)
     return left / (share - taken) if share > taken else 1.0, False
+
+
+def all_drawn(a: Amplitudes) -> bool:
+    """Whether no surface changes weights of rays that are drawn by `shares_of_state`: each is
+    smooth, or sends light on whatever its state."""
+    free = np.isin(a.rows[:, _F], (*_SMOOTH, POLARISER, RETARDER, STRAIGHT, DEPOLARISES))
+    return bool(np.all(free & (a.rows[:, _FACETS] < 0) & (a.rows[:, _SCATTER] < 0)))
+
+
+@inner_kernel
+def shares_of_state(
+    a: Amplitudes, waves: F64, copy: F64, met: Met, turn: Turn
+) -> tuple[float, float]:
+    """Shares of light in this state that a surface sends back, and through; back is -1 where more
+    than these can happen, so that it has none.
+
+    Parameters
+    ----------
+    waves : (2, 6), stay as they are;  copy : (2, 6) scratch
+    turn : direction d of the light, and the normal
+    """
+    if met.surface < 0:
+        return -1.0, 0.0
+    form = a.rows[met.surface, _F]
+    if form == POLARISER:
+        place = a.rows[met.surface, _FIRST] + met.channel * a.rows[met.surface, _STEP]
+        for k in range(2):
+            for i in range(6):
+                copy[k, i] = waves[k, i]
+        power = polarise_waves(
+            copy, turn.dx, turn.dy, turn.dz, a.numbers[place], a.numbers[place + 1],
+            a.numbers[place + 2], math.sqrt(a.numbers[place + 3]),
+        )  # fmt: skip
+        return 0.0, a.numbers[place + 4] * power
+    smooth = form in _SMOOTH
+    if not smooth or a.rows[met.surface, _FACETS] >= 0 or a.rows[met.surface, _SCATTER] >= 0:
+        return -1.0, 0.0
+    r_s, r_p, t_s, t_p, _, _ = _amplitudes(a, met, _cosine(turn))
+    s = part_along_s(waves, turn)
+    return (
+        abs(r_s) ** 2 * s + abs(r_p) ** 2 * (1.0 - s),
+        abs(t_s) ** 2 * s + abs(t_p) ** 2 * (1.0 - s),
+    )
 
 
 @inner_kernel

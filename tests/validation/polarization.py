@@ -12,8 +12,8 @@ import numpy as np
 import query
 import raymap
 from tests.validation import Row, check
-from tracer.crystals.media import isotropic, uniaxial
-from tracer.crystals.plates import plate_jones
+from tracer.optics.crystals.media import isotropic, uniaxial
+from tracer.optics.crystals.plates import plate_jones
 from tracer.optics.glasses import find_glass
 from tracer.optics.polarization_elements import Polarizer, Retarder
 from tracer.optics.polarization_rays import PolarizedRays

@@ -50,6 +50,10 @@ class Body(Placed):
         """The faces, with normals that point out of the body."""
         raise Unfinished(self, "plan")
 
+    def crystal_axis(self) -> Array | None:
+        """(3,) optic axis of a crystal that says none itself; None where the body has none."""
+        return None
+
     def problems(self) -> list[str]:
         """What makes the body impossible, as 'key: what; remedy'."""
         return []

@@ -95,6 +95,11 @@ class MediumModel(Node):
         """The key that says the index."""
         return next(word for word in self.given if MEDIUM_KEYS[word].index is not None)
 
+    @property
+    def splits(self) -> bool:
+        """Whether light in it splits in two."""
+        return MEDIUM_KEYS[self.formula].splits
+
     @model_serializer(mode="wrap")
     def _with_first_keys(
         self, handler: SerializerFunctionWrapHandler, info: SerializationInfo

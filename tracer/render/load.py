@@ -17,12 +17,12 @@ from raymap.model.errors import MissingExtra, SceneError
 from raymap.model.givenfile import check_given
 from raymap.model.giventext import toml_tables
 from raymap.optics.colorimetry import decode_srgb
-from tracer.crystals.load import Model, Number, Vector, checked, read_text
-from tracer.crystals.scene_language import bodies_of, world_of
 from tracer.description.named_files import named_file
 from tracer.render.camera import Camera
+from tracer.render.language import Model, Number, Vector, checked, read_text
 from tracer.render.renderer import RenderScene
 from tracer.render.room import WALLS, Room, checker_board, uniform
+from tracer.render.scenes import bodies_of, world_of
 from tracer.render.spectra import visible_wavelengths
 from tracer.scene.load import parse_scene
 from tracer.scene.model import Scene

@@ -8,9 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from raymap.jit.kernels import inner_kernel, kernel
-from tracer.crystals.bodies import BodyArrays
-from tracer.crystals.rows import EPS_ORDINARY
-from tracer.crystals.tree import (
+from tracer.optics.crystals.rows import EPS_ORDINARY
+from tracer.render.bodies import BodyArrays
+from tracer.render.room import RoomArrays, wall_radiance
+from tracer.render.tree import (
     EXIT,
     NODE,
     TreeScratch,
@@ -18,7 +19,6 @@ from tracer.crystals.tree import (
     next_boundary,
     tree_scratch,
 )
-from tracer.render.room import RoomArrays, wall_radiance
 
 __all__ = ["CameraRays", "Pruning", "Spectrum", "render_rays"]
 

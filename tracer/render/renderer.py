@@ -20,9 +20,9 @@ from raymap.model.replacing import replacing
 from raymap.optics.colorimetry import encode_srgb
 from raymap.pictures.files import write_pixels
 from raymap.tables.exr import spectral_channels, write_exr
-from tracer.crystals.bodies import BodyArrays, CrystalBody, compile_bodies
-from tracer.crystals.media import Crystal, isotropic
-from tracer.crystals.rows import ISOTROPIC, KIND
+from tracer.optics.crystals.media import Crystal, isotropic
+from tracer.optics.crystals.rows import ISOTROPIC, KIND
+from tracer.render.bodies import BodyArrays, CrystalBody, compile_bodies
 from tracer.render.camera import Camera
 from tracer.render.images import to_bytes
 from tracer.render.room import Room, RoomArrays

@@ -47,6 +47,7 @@ from tracer.scene.arrangement.candidates import Candidates, StartBins
 from tracer.scene.arrangement.coincident_faces import find_coincident_faces
 from tracer.scene.arrangement.coincident_triangles import warn_of_coincident_triangles
 from tracer.scene.arrangement.open_surfaces import warn_of_hidden_surfaces
+from tracer.scene.crystals import carried_waves
 from tracer.scene.detectors import DetectorTable
 from tracer.scene.faces import FaceTable, given_parameters
 from tracer.scene.inputs import file_hash, inputs_of, taking_part
@@ -145,7 +146,7 @@ class _Compiler:
 
     def compile(self) -> Compilation:
         scene, faces = self.scene, self.faces
-        if scene.contacts:
+        if scene.contacts and not scene.crystalline:
             raise self.fail(
                 "contacts",
                 "is for scenes with crystals; faces of other bodies that touch are found and "
@@ -197,6 +198,11 @@ class _Compiler:
         )
         if coincident is not None:
             plain[np.diff(coincident.first) > 0] = 0
+        channels = self._channel_set(sources.colors, laws)
+        carried = carried_waves(scene, faces, self.media, coincident, laws, channels)
+        if carried is not None:
+            # Laws of surfaces say what natural light does
+            channels = channels.model_copy(update={"laws": {}})
         arrays = CompiledScene(
             face_i=face_i,
             face_f=face_f,
@@ -221,12 +227,15 @@ class _Compiler:
             plain=plain,
             tables=tables if _needs_tables(surface_i, self.media.integers) else None,
             sphere=np.array([*center, radius, *detectors.box(1e-9 * radius)]),
-            limits=np.array([scene.limits.depth, world, detectors.virtual, 0], np.int64),
+            limits=np.array(
+                [scene.limits.depth, world, detectors.virtual, carried is not None], np.int64
+            ),
             reduction=reduction,
             coincident=coincident,
             light_pool=sources.pool,
             light_rays=sources.rays,
             views=detectors.views,
+            carried=carried,
         )
         surfaces = [name for name, _ in faces.surface_models()]
         check_scatter(arrays, surfaces, self._channel_names(), scene.origin)
@@ -235,7 +244,7 @@ class _Compiler:
             scene=scene,
             arrays=arrays,
             directory=self._directory(center, radius, sources.fluxes),
-            channel_set=self._channel_set(sources.colors, laws),
+            channel_set=channels,
             meshes=faces.meshes,
             start_bins=start_bins,
             solids=faces.mesh_registry.finish(),

@@ -97,10 +97,12 @@ def medium_table(scene: Scene, wavelengths_nm: Array) -> MediumTable:
     laws: list[MediumLaw] = []
     for k, (name, model) in enumerate(models.items()):
         place = f"{scene.origin}: media.{name}"
-        index[k] = refractive_index(model, wavelengths_nm, place)
+        index[k] = _index(model, wavelengths_nm, place)
         at = At(wavelengths_nm=wavelengths_nm, length_unit=scene.length_unit, place=place)
         absorption[k] = absorption_coefficient(model, at)
-        group = tuple(group_index(model, wavelengths_nm, index[k]).tolist())
+        group: tuple[float, ...] = ()
+        if not model.splits:
+            group = tuple(group_index(model, wavelengths_nm, index[k]).tolist())
         laws.append(MediumLaw(group_index=group))
         if model.scattering is not None:
             given = model.scattering
@@ -174,6 +176,13 @@ def refractive_index(model: MediumModel, wavelengths_nm: Array, place: str) -> A
     SceneError
         the index is no positive number, or the medium has no single one
     """
+    if model.splits:
+        raise SceneError(f"{place}: a crystal has no single index")
+    return _index(model, wavelengths_nm, place)
+
+
+def _index(model: MediumModel, wavelengths_nm: Array, place: str) -> Array:
+    """As `refractive_index`; of crystals the mean of the principal ones."""
     at = At(wavelengths_nm=np.asarray(wavelengths_nm, np.float64), length_unit="mm", place=place)
     formula = MEDIUM_KEYS[model.formula]
     assert formula.index is not None

@@ -14,7 +14,6 @@ from tracer.bodies.body import Body
 from tracer.description.channels import Spectrum
 from tracer.description.fields import Node
 from tracer.detectors.detector import DetectorKind
-from tracer.media.keys.key import MEDIUM_KEYS
 from tracer.media.model import MediumModel
 from tracer.scene.selecting import Selecting
 from tracer.scene.variance_reduction import TraceModel
@@ -39,7 +38,7 @@ class World(Node):
 class Scene(Node):
     """A whole scene, as validated; `tracer.compile_scene` turns it into arrays.
 
-    ``contacts`` : pairs of crystals that touch along a common face
+    ``contacts`` : pairs of bodies beside crystals that touch along a common face
     ``variants`` : of the text, that were laid over it
     ``files`` : that were read for the description: where, by the names that the text gives
     """
@@ -65,17 +64,14 @@ class Scene(Node):
     folder: str = "."
 
     @property
-    def light_of_media(self) -> str:
-        """Which way of following light the media of bodies or of the world ask for; "" for any."""
+    def crystalline(self) -> bool:
+        """Whether light splits in two in the medium of a body, or of the world."""
         used = {self.world.medium, *(body.medium for body in self.bodies.values())}
-        asked = (MEDIUM_KEYS[m.formula].light for name, m in self.media.items() if name in used)
-        return next(filter(None, asked), "")
+        return any(model.splits for name, model in self.media.items() if name in used)
 
     @property
     def light(self) -> str:
-        """Which way of following light it asks for: natural, polarised, lens_trees or crystals."""
-        if self.light_of_media:
-            return self.light_of_media
+        """Which way of following light it asks for: natural, polarised or lens_trees."""
         if self.trace.lens_trees is not None:
             return "lens_trees"
         return self.trace.light

@@ -89,7 +89,7 @@ def warn_of_polarised_light(compilation: Compilation) -> None:
     NaturalLight
     """
     scene = compilation.scene
-    if scene.trace.light != "natural":
+    if scene.trace.light != "natural" or scene.crystalline:
         return
     for name, source in scene.sources.items():
         if source.on and source.polarisation is not None:

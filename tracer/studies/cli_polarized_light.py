@@ -88,7 +88,7 @@ def _plate(crystal: str, thickness_um: float, tilt_deg: float, stage_deg: float)
     """A plate with its axis tilted towards x, then turned about the normal."""
     import numpy as np
 
-    from tracer.crystals.media import biaxial, calcite, uniaxial
+    from tracer.optics.crystals.media import biaxial, calcite, uniaxial
     from tracer.studies.microscopy.specimens import CrystalPlate
 
     tilt, turn = math.radians(tilt_deg), math.radians(stage_deg)

@@ -21,7 +21,6 @@ from tracer.bodies.lens import LensBody
 from tracer.bodies.mesh import MeshBody
 from tracer.bodies.ring import RingBody
 from tracer.media.model import medium_model
-from tracer.run.traces import trace_of
 from tracer.scene.media import refractive_index
 from tracer.scene.model import Scene
 
@@ -259,9 +258,6 @@ def examine(scene: Scene, wavelength_nm: float | None = None) -> dict[str, Any]:
     from tracer.scene.supported import warn_of_polarised_light
     from tracer.transport.source_check import check_sources
 
-    if scene.light_of_media:
-        found = trace_of(scene)
-        return _parts(scene, found.directory, found.channel_set.labels)
     compilation = compile_scene(scene)
     check_sources(compilation)
     warn_of_polarised_light(compilation)

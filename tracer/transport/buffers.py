@@ -13,7 +13,7 @@ cache lines, or equal places of all rows would share a set of the cache.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from raymap.jit.types import F64, I32, I64
 from tracer.compiled import F_KIND, CompiledScene
 from tracer.geometry.kinds import MESH
+from tracer.optics.crystals.interface import WAVE, InterfaceScratch, interface_scratch
 from tracer.rays.colors import COLORS
 
 __all__ = ["BUNDLE", "Buffers", "Workspace", "grown", "with_more_records"]
@@ -67,6 +68,38 @@ N_RECORDS = 0
 Array = TypeVar("Array", bound=NDArray[np.generic])
 
 
+class CarriedRays(NamedTuple):
+    """States of rays on their way, where they carry them, and scratch of one thread.
+
+    states (9, block) : per slot the refraction vector in a crystal, real and imaginary field
+    waves (2, 6), copy (2, 6) : the field of the ray at hand (`raymap.optics.waves`; one wave)
+    refraction (3,), field (3,) : the same as vectors
+    out (4, WAVE), at_interface : of `tracer.optics.crystals.interface`
+    """
+
+    states: F64
+    waves: F64
+    copy: F64
+    refraction: F64
+    field: NDArray[np.complex128]
+    out: F64
+    at_interface: InterfaceScratch
+
+    @classmethod
+    def create(cls, block: int) -> CarriedRays:
+        """Arrays for a block of rays."""
+        scratch: Any = interface_scratch
+        return cls(
+            states=np.zeros((block, 9)).T,
+            waves=np.zeros((2, 6)),
+            copy=np.zeros((2, 6)),
+            refraction=np.zeros(3),
+            field=np.zeros(3, np.complex128),
+            out=np.zeros((4, WAVE)),
+            at_interface=scratch.py_func(),
+        )
+
+
 class Buffers(NamedTuple):
     """All arrays that change while a block is traced.
 
@@ -81,6 +114,7 @@ class Buffers(NamedTuple):
     counters : see above
     bundle_f (8, BUNDLE), bundle_i (4, BUNDLE), bins : scratch of the intersection
     stream_f (26, BUNDLE), stream_i (8, BUNDLE) : scratch of `tracer.transport.streams`
+    carried : states of rays; None where they carry none
     """
 
     live_f: F64
@@ -101,6 +135,7 @@ class Buffers(NamedTuple):
     bins: I64
     stream_f: F64
     stream_i: I64
+    carried: CarriedRays | None
 
 
 @dataclass
@@ -135,6 +170,7 @@ class Workspace:
                 bins=np.empty(len(scene.first), np.int64),
                 stream_f=np.empty((26, BUNDLE + _PADDING)),
                 stream_i=np.empty((8, BUNDLE + _PADDING), np.int64),
+                carried=None if scene.carried is None else CarriedRays.create(block),
             ),
         )
 

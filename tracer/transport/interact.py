@@ -22,6 +22,7 @@ from raymap.jit.kernels import (
 from raymap.jit.types import F64, I64
 from raymap.model.events import Event
 from raymap.optics.frames import unit_factor
+from raymap.optics.waves import Turn
 from tracer.compiled import (
     B_MEDIUM,
     DEPTH,
@@ -75,6 +76,15 @@ from tracer.transport.buffers import (
     Buffers,
     T,
 )
+from tracer.transport.carried import (
+    carry_scattered,
+    fly_in_crystal,
+    keep_state,
+    meet_as_carried,
+    plane_normal,
+    start_state,
+    take_state,
+)
 from tracer.transport.cross_face import any_coincident, cross_face, left_together
 from tracer.transport.medium_stack import top_body
 from tracer.transport.records import ENDING, Record, RecordColumns, write_record
@@ -97,7 +107,7 @@ from tracer.transport.splitting import (
 )
 from tracer.transport.streams import DONE
 from tracer.transport.weighted.balance import Flight
-from tracer.transport.weighted.outcomes import aim_in_volume, end_faint_ray, meet
+from tracer.transport.weighted.outcomes import aim_in_volume, end_faint_ray
 from tracer.transport.weighted.ray import WeightedRay
 
 __all__ = ["emit_block", "interact", "place_block"]
@@ -151,6 +161,7 @@ def emit_block(scene: CompiledScene, seed: int, first_ray: int, n: int, b: Buffe
         live_i[STACK, i] = source_i[source, L_STACK]
         live_i[MEDIUM, i] = source_i[source, L_MEDIUM]
         live_i[CODE, i] = code
+        state = start_state(scene.carried, b.carried, i, source, dx, dy, dz, state)
         live_i[RNG, i] = np.int64(state)
         live_i[RAY, i] = i
         live_i[LAST, i] = i
@@ -181,7 +192,10 @@ def place_block(
         live_i[STACK, i] = 0
         live_i[MEDIUM, i] = world
         live_i[CODE, i] = 0
-        live_i[RNG, i] = np.int64(stream_state(seed, first + i))
+        dx, dy, dz = live_f[3, i], live_f[4, i], live_f[5, i]
+        state = stream_state(seed, first + i)
+        state = start_state(scene.carried, b.carried, i, -1, dx, dy, dz, state)
+        live_i[RNG, i] = np.int64(state)
         live_i[RAY, i] = i
         live_i[LAST, i] = i
         x, y, z = live_f[0, i], live_f[1, i], live_f[2, i]
@@ -241,6 +255,8 @@ def interact(scene: CompiledScene, b: Buffers, split: SplitRays | None, follow: 
         own_body, own_triangle = -1, -1
         ignored = False
         cosine, stack_before, medium_before = 0.0, stack, medium
+        take_state(b.carried, i)
+        event, t, state = fly_in_crystal(scene.carried, b.carried, body_i, code, stack, t, state)
         # Fly freely through a medium that absorbs or scatters
         participating = medium_i[unsigned(medium), M_PARTICIPATING]
         if participating != 0 and passes_surely(
@@ -255,6 +271,10 @@ def interact(scene: CompiledScene, b: Buffers, split: SplitRays | None, follow: 
                 reduction, event,
                 Flight(x + t * ux, y + t * uy, z + t * uz, ux, uy, uz, dx, dy, dz),
                 medium_f, tables, medium, n_channels, weight, state,
+            )  # fmt: skip
+            weight, state = carry_scattered(
+                b.carried, event, medium_f[unsigned(medium), 3 * n_channels],
+                Turn(ux, uy, uz, dx, dy, dz, 0.0, 0.0, 0.0), weight, state,
             )  # fmt: skip
         if event == 0 and face < 0:
             event = LEFT_SCENE
@@ -339,8 +359,13 @@ def interact(scene: CompiledScene, b: Buffers, split: SplitRays | None, follow: 
                     # Turn the normal against the ray
                     if shading > 0.0:
                         sx, sy, sz = -sx, -sy, -sz
-                    happened, crosses, dx, dy, dz, code, state, weight = meet(
-                        reduction, split, arrives, optics, tables, at, Way(dx, dy, dz, sx, sy, sz),
+                    sx, sy, sz = plane_normal(
+                        scene.carried, code, top_body(stack, body_i), body, nx, ny, nz, cosine, sx,
+                        sy, sz,
+                    )  # fmt: skip
+                    happened, crosses, dx, dy, dz, code, state, weight = meet_as_carried(
+                        scene.carried, b.carried, top_body(stack, body_i), body, reduction, split,
+                        arrives, optics, tables, at, Way(dx, dy, dz, sx, sy, sz),
                         Light(code, colors, counters, state), follow,
                     )  # fmt: skip
                     event |= happened
@@ -401,6 +426,7 @@ def interact(scene: CompiledScene, b: Buffers, split: SplitRays | None, follow: 
         live_f[0, k], live_f[1, k], live_f[2, k] = x, y, z
         live_f[3, k], live_f[4, k], live_f[5, k] = dx, dy, dz
         live_f[WEIGHT, k] = weight
+        keep_state(b.carried, k)
         live_i[OWN, k], live_i[KEY, k] = own, key
         if meshed:
             live_i[OWN_BODY, k], live_i[OWN_TRIANGLE, k] = own_body, own_triangle

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from raymap.jit.compiling import Task, address_of, call_at, task
 from raymap.jit.kernels import lean_kernel
 from raymap.jit.types import I64
+from raymap.laws.amplitudes import all_drawn
+from raymap.laws.phase import RAYLEIGH
 from raymap.model.portion import Descriptors as DescriptorColumns
 from raymap.model.portion import Portion
 from tracer.compiled import F_KIND, R_RAYS, R_SPLITS, CompiledScene, Faces
@@ -91,7 +93,7 @@ def run_steps(
         if split is not None:
             start_emissions(split, n_rays, counters)
     crossings = len(scene.detector_i) + 1
-    refract = follow == 0 and meshes is None
+    refract = follow == 0 and meshes is None and scene.carried is None
     while counters[LIVE] > 0:
         n = counters[LIVE]
         if not has_room(split, b, n, crossings):
@@ -140,6 +142,7 @@ class Wavefront:
             detector_i=scene.detector_i.copy(),
         )
         self.faces = self.scene.faces
+        self.weighed = self.scene.reduction is not None or _states_weigh(self.scene)
         self.exact = exact
         reduction = self.scene.reduction
         self.splits = reduction is not None and reduction.settings[R_SPLITS] > 0.0
@@ -186,7 +189,7 @@ class Wavefront:
                 assembly.store(workspace, n, counted=counted)
         emitted = emitted_counts(self.scene.pattern, len(self.scene.source_i), first_ray, n_rays)
         portion = assembly.portion(emitted, self.scene, first_ray, copy=not reuse)
-        if self.scene.reduction is not None:
+        if self.weighed:
             portion = self._weighed(portion, assembly, first_ray, n_rays)
         return portion, records + int(counters[LEFT_OUT]) if counted else portion.n_records
 
@@ -215,7 +218,15 @@ class Wavefront:
     def trace_given(
         self, origins: NDArray[np.float64], directions: NDArray[np.float64], *, follow: int = 0
     ) -> Portion:
-        """Trace given rays, (n, 3) each, of the first channel, from the world medium."""
+        """Trace given rays, (n, 3) each, of the first channel, from the world medium.
+
+        Raises
+        ------
+        ValueError
+            to follow the transmitted ray where crystals may send on two
+        """
+        if follow != 0 and self.scene.carried is not None:
+            raise ValueError("a crystal sends on two rays: none of them is the transmitted one")
         workspace, assembly = self._buffers()
         workspace.buffers.counters[COUNTING] = 0
         assembly.start(len(origins))
@@ -308,6 +319,15 @@ class Wavefront:
             if self.splits:
                 self._local.split_rays = make_split_rays(self.block, self.block)
         return self._local.workspace, self._local.assembly
+
+
+def _states_weigh(scene: CompiledScene) -> bool:
+    """Whether the states that rays carry change their weights."""
+    if scene.carried is None:
+        return False
+    phases = scene.medium_f[:, 3 * scene.n_channels]
+    scatters = scene.medium_f[:, 2 * scene.n_channels : 3 * scene.n_channels].max(axis=1) > 0.0
+    return not all_drawn(scene.carried.laws) or bool(np.any(scatters & (phases == RAYLEIGH)))
 
 
 class _Assembly:

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from tracer.crystals.absorbing import absorbing_interface, absorbing_plate, berreman_matrices
-from tracer.crystals.media import Crystal, biaxial, isotropic, uniaxial
-from tracer.crystals.plates import plate_jones
+from tracer.optics.crystals.absorbing import absorbing_interface, absorbing_plate, berreman_matrices
+from tracer.optics.crystals.media import Crystal, biaxial, isotropic, uniaxial
+from tracer.optics.crystals.plates import plate_jones
 
 
 def random_crystal(rng: np.random.Generator, dark: float) -> Crystal:

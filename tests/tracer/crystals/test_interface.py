@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from raymap.model.errors import SceneError
-from tracer.crystals.interface import WAVE, interface_batch
-from tracer.crystals.local import s_and_p, solve_interface
-from tracer.crystals.media import Crystal, biaxial, isotropic, rotation_between, uniaxial
+from tracer.optics.crystals.interface import WAVE, interface_batch
+from tracer.optics.crystals.local import s_and_p, solve_interface
+from tracer.optics.crystals.media import Crystal, biaxial, isotropic, rotation_between, uniaxial
 
 AIR = isotropic(1.0, name="air")
 UP = np.array([0.0, 0.0, 1.0])

@@ -6,10 +6,17 @@ import numpy as np
 import pytest
 
 from raymap.model.errors import SceneError
-from tracer.crystals.conical import cone_opening, conical_rays, ring_of_plate
-from tracer.crystals.media import Crystal, biaxial, calcite, isotropic, rotation_between, uniaxial
-from tracer.crystals.rows import BIAXIAL, ISOTROPIC, KIND, UNIAXIAL
-from tracer.crystals.waves import absorption_coefficient, waves_along
+from tracer.optics.crystals.conical import cone_opening, conical_rays, ring_of_plate
+from tracer.optics.crystals.media import (
+    Crystal,
+    biaxial,
+    calcite,
+    isotropic,
+    rotation_between,
+    uniaxial,
+)
+from tracer.optics.crystals.rows import BIAXIAL, ISOTROPIC, KIND, UNIAXIAL
+from tracer.optics.crystals.waves import absorption_coefficient, waves_along
 
 
 @pytest.mark.parametrize(

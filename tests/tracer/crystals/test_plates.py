@@ -8,8 +8,15 @@ import numpy as np
 import pytest
 
 from raymap.model.errors import SceneError
-from tracer.crystals.media import Crystal, biaxial, calcite, isotropic, rotation_between, uniaxial
-from tracer.crystals.plates import plate_jones, plate_retardation
+from tracer.optics.crystals.media import (
+    Crystal,
+    biaxial,
+    calcite,
+    isotropic,
+    rotation_between,
+    uniaxial,
+)
+from tracer.optics.crystals.plates import plate_jones, plate_retardation
 
 
 @pytest.mark.parametrize(

@@ -8,9 +8,9 @@ import pytest
 import raymap
 from raymap.model.errors import SceneError
 from raymap.model.events import Event
-from tracer.crystals.branching import trace_tree
-from tracer.crystals.media import isotropic
-from tracer.crystals.scene_language import crystal_scene_of
+from tracer.optics.crystals.media import isotropic
+from tracer.render.branching import trace_tree
+from tracer.render.scenes import bodies_of
 from tracer.run.recording import record
 from tracer.scene.load import parse_scene
 
@@ -57,7 +57,7 @@ cells = [64, 64]
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
-    scene = crystal_scene_of(parse_scene(SCENE))
+    scene = bodies_of(parse_scene(SCENE))
     path = tmp_path_factory.mktemp("maps") / "calcite.raymap"
     summary = record(parse_scene(SCENE), path, rays=8000, seed=3, threads=2, portion_rays=3000)
     return scene, path, summary
@@ -79,7 +79,7 @@ def test_shares_of_the_first_paths_are_those_of_the_tree(recorded):
     direct = {}
     for wavelength in (500.0, 600.0):
         exits = trace_tree(
-            scene.bodies, isotropic(1.0), (4.0, -3.0, 60.0), (0.1, 0.05, -1.0),
+            scene, isotropic(1.0), (4.0, -3.0, 60.0), (0.1, 0.05, -1.0),
             wavelength_nm=wavelength, max_events=2,
         )  # fmt: skip
         for events, share in zip(exits.events, exits.share, strict=True):

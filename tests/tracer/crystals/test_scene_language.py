@@ -10,8 +10,9 @@ import pytest
 import raymap
 from query import detected, event, hit, select
 from raymap.model.errors import SceneError, SceneMismatch
-from tracer.crystals.scene_language import compile_crystals, crystal_scene_of
+from tracer.render.scenes import bodies_of
 from tracer.run.recording import record
+from tracer.run.traces import trace_of
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import load_scene, parse_scene
 
@@ -92,8 +93,7 @@ def test_shares_of_a_plate_with_its_axis_in_the_face(tmp_path: Path) -> None:
 
 def test_an_isotropic_body_is_traced_like_glass(tmp_path: Path) -> None:
     text = plate(medium="glass")
-    crystals = compile_crystals(parse_scene(text))
-    portion = crystals.engine(1).trace(0, 20_000)
+    portion = trace_of(parse_scene(text)).engine(1).trace(0, 20_000)
     last = np.cumsum(portion.records_per_ray) - 1
     on_screen = np.mean(portion.object[last] == 1)
     r = 0.04
@@ -104,10 +104,10 @@ def test_bodies_stand_where_the_scene_puts_them() -> None:
     text = plate().replace(
         "size = [20, 20, 5]", "size = [2, 4, 6]\nposition = [1, 2, 3]\nrotation = [0, 0, 90]"
     )
-    [body] = crystal_scene_of(parse_scene(text)).bodies
+    [body] = bodies_of(parse_scene(text))
     np.testing.assert_allclose(body.vertices.min(axis=0), [-1, 1, 0], atol=1e-12)
     np.testing.assert_allclose(body.vertices.max(axis=0), [3, 3, 6], atol=1e-12)
-    rhomb = crystal_scene_of(load_scene(SAMPLE)).bodies[0]
+    rhomb = bodies_of(load_scene(SAMPLE))[0]
     assert rhomb.vertices[:, 2].min() == pytest.approx(0.01)
     axis = rhomb.medium.orientation[:, 2]
     # The optic axis makes 44.61 degrees with every face of the cleavage
@@ -119,13 +119,25 @@ def test_bodies_stand_where_the_scene_puts_them() -> None:
 @pytest.mark.parametrize(
     ("change", "to", "named"),
     [
-        ('length_unit = "mm"', 'length_unit = "cm"', "length_unit"),
         ('kind = "spectral"\nwavelengths_nm = [589.3]', 'kind = "rgb"', "spectrum"),
-        ('kind = "box"\nsize = [20, 20, 5]', 'kind = "sphere"\nradius = 3', "bodies.plate.kind"),
-        ('kind = "collimated"', 'kind = "lambertian"', "sources.pencil"),
         ("optic_axis", "optical_axis", "media.crystal.crystal.optical_axis"),
         ("[1.6584, 1.6584, 1.4864]", "[1.6584, 1.6584, -1]", "media|index"),
-        ("blocking = true", "both_sides = true", "detectors.screen"),
+        ("blocking = true", 'blocking = true\n[trace]\nlight = "polarised"', "trace.light"),
+        (
+            "blocking = true",
+            'blocking = true\n[trace]\nmode = "weighted"\nsplit_depth = 1',
+            "trace.split_depth",
+        ),
+        (
+            "[0, 0, 1]\ndiameter",
+            '[0, 0, 1]\ninside = "plate"\ndiameter',
+            "sources.pencil.inside: light must start in an isotropic medium",
+        ),
+        (
+            'medium = "crystal"',
+            'medium = "crystal"\nsurface = "film"\n[surfaces.film]\nkind = "mirror"\nreflectance = 0.9',
+            "bodies.plate: 'film' .mirror. lies on a face of a crystal",
+        ),
         (
             'length_unit = "mm"',
             'length_unit = "mm"\ncontacts = [["plate", "plate"]]',
@@ -150,15 +162,14 @@ def test_bodies_stand_where_the_scene_puts_them() -> None:
 )
 def test_what_crystals_cannot_have_is_refused_by_name(change: str, to: str, named: str) -> None:
     text = plate().replace(change, to)
-    if "lambertian" in to:
-        text = text.replace("direction = [0, 0, 1]", "axis = [0, 0, 1]")
     with pytest.raises(SceneError, match=named):
-        compile_crystals(parse_scene(text)).engine(1)
+        compile_scene(parse_scene(text))
 
 
 def test_other_tracers_refuse_crystals() -> None:
-    with pytest.raises(SceneError, match="crystal"):
-        compile_scene(parse_scene(plate()))
+    text = plate() + '[trace]\nlens_trees = "lens"\n'
+    with pytest.raises(SceneError, match="lens_trees"):
+        trace_of(parse_scene(text))
 
 
 def test_contacts_that_cannot_be_are_refused() -> None:
@@ -170,14 +181,14 @@ position = [0, 0, {z}]
 medium = "glass"
 """
     head = 'contacts = [["plate", "second"]]\n'
-    compile_crystals(parse_scene(head + plate() + second.format(z=5))).engine(1)
-    with pytest.raises(SceneError, match="the bodies are 1 mm apart; move them together"):
-        compile_crystals(parse_scene(head + plate() + second.format(z=6))).engine(1)
+    compile_scene(parse_scene(head + plate() + second.format(z=5)))
+    with pytest.raises(SceneError, match="no faces on one another; move them together"):
+        compile_scene(parse_scene(head + plate() + second.format(z=6)))
 
 
 def test_dark_crystals_need_a_clear_isotropic_medium_outside() -> None:
-    from tracer.crystals.absorbing import absorbing_interface, absorbing_plate
-    from tracer.crystals.media import calcite, uniaxial
+    from tracer.optics.crystals.absorbing import absorbing_interface, absorbing_plate
+    from tracer.optics.crystals.media import calcite, uniaxial
 
     dark = uniaxial(1.6, 1.5, [0, 0, 1], kappa_o=0.4)
     for outside in (calcite([0, 0, 1]), 1.5 + 0.2j, -1.0):

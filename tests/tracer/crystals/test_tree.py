@@ -8,11 +8,18 @@ import numpy as np
 import pytest
 
 from raymap.model.errors import SceneError
-from tracer.crystals.bodies import box, calcite_rhomb, compile_bodies, convex_body, mesh_body
-from tracer.crystals.branching import coherent_sum, trace_tree
-from tracer.crystals.local import s_and_p
-from tracer.crystals.media import Crystal, biaxial, calcite, isotropic, rotation_between, uniaxial
-from tracer.crystals.plates import plate_jones
+from tracer.optics.crystals.local import s_and_p
+from tracer.optics.crystals.media import (
+    Crystal,
+    biaxial,
+    calcite,
+    isotropic,
+    rotation_between,
+    uniaxial,
+)
+from tracer.optics.crystals.plates import plate_jones
+from tracer.render.bodies import box, calcite_rhomb, compile_bodies, convex_body, mesh_body
+from tracer.render.branching import coherent_sum, trace_tree
 
 AIR = isotropic(1.0, name="air")
 TURNED = biaxial(1.3, 1.4, 1.5, rotation_between((0, 0, 1), (1, 2, 3)))

@@ -13,12 +13,12 @@ from raymap.model.errors import SceneError
 from raymap.model.replacing import NotWritten
 from raymap.pictures.files import write_pixels
 from raymap.tables.exr import spectral_channels, write_exr
-from tracer.crystals.scene_language import crystal_scene_of
 from tracer.render.camera import Camera
 from tracer.render.images import to_bytes
 from tracer.render.load import load_render_text
 from tracer.render.renderer import Picture, error_in_steps, render, sample_pixels
 from tracer.render.room import Room, checker_board, uniform
+from tracer.render.scenes import crystal_scene_of
 from tracer.render.spectra import primary_spectra, rgb_weights, visible_wavelengths
 from tracer.scene.load import parse_scene
 

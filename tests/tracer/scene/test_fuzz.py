@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from raymap.model.errors import RayMapError
 from tests.examples import examples
-from tracer.crystals.scene_language import compile_crystals
 from tracer.scene.compile import compile_scene
 from tracer.scene.load import parse_scene
 
@@ -130,7 +129,7 @@ def accepted_or_refused(name: str, text: str) -> None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             scene = parse_scene(text, folder=folder)
-            (compile_crystals if scene.light_of_media else compile_scene)(scene)  # type: ignore[operator]
+            compile_scene(scene)
     except RayMapError as error:
         refused = str(error)
     assert "\n" not in refused

@@ -66,7 +66,7 @@ class MediumKey:
         A medium has exactly one key that does
     absorption : coefficients [1 / scene unit], 0 or more; None where it says none. A key that says
         nothing else goes before what an index brings along
-    light : way of following light that bodies of it ask for (`tracer.scene.model.Scene.light`)
+    splits : whether light in it splits in two, so that rays carry their polarisation
     alone : why nothing but an index may stand beside it, for messages; "" where it may
     place : in lists
     """
@@ -76,7 +76,7 @@ class MediumKey:
     value: Any
     index: Callable[[Any, At], Array] | None = None
     absorption: Callable[[Any, At], Array] | None = None
-    light: str = ""
+    splits: bool = False
     alone: str = ""
     place: float = 1000.0
 

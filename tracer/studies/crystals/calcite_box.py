@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tracer.crystals.bodies import calcite_rhomb
-from tracer.crystals.media import calcite
+from tracer.optics.crystals.media import calcite
+from tracer.render.bodies import calcite_rhomb
 from tracer.render.camera import Camera
 from tracer.render.renderer import RenderScene, error_in_steps, render, sample_pixels
 from tracer.render.room import Room

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from raymap.pictures.files import write_pixels
-from tracer.crystals.conical import conical_rays, ring_of_plate
-from tracer.crystals.local import s_and_p, solve_interface
-from tracer.crystals.media import Crystal, biaxial, isotropic, rotation_between
+from tracer.optics.crystals.conical import conical_rays, ring_of_plate
+from tracer.optics.crystals.local import s_and_p, solve_interface
+from tracer.optics.crystals.media import Crystal, biaxial, isotropic, rotation_between
 from tracer.render.images import to_bytes
 from tracer.studies.crystals.crystal_statements import Check
 from tracer.studies.crystals.quasi_random import quasi_random

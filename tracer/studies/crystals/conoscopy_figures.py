@@ -14,9 +14,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from raymap.model.errors import SceneError
 from raymap.optics.colorimetry import xyz_to_linear_srgb
 from raymap.pictures.files import write_pixels
-from tracer.crystals.media import Crystal, biaxial, calcite, rotation_between
-from tracer.crystals.plates import plate_retardation
-from tracer.crystals.waves import waves_along
+from tracer.optics.crystals.media import Crystal, biaxial, calcite, rotation_between
+from tracer.optics.crystals.plates import plate_retardation
+from tracer.optics.crystals.waves import waves_along
 from tracer.render.images import to_bytes
 from tracer.studies.crystals.crystal_statements import Check
 from tracer.studies.microscopy.microscope import Microscope, conoscopy

@@ -14,8 +14,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from tracer.crystals.local_model import LocalModel
-from tracer.crystals.media import isotropic, uniaxial
+from tracer.optics.crystals.media import isotropic, uniaxial
 from tracer.studies.crystals import crystal_conservation as conservation
 from tracer.studies.crystals.crystal_statements import (
     AIR,
@@ -28,6 +27,7 @@ from tracer.studies.crystals.crystal_statements import (
     on_side,
     share_of,
 )
+from tracer.studies.crystals.local_model import LocalModel
 
 __all__ = ["local_checks"]
 

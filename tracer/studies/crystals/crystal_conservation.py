@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tracer.crystals.local_model import LocalModel
-from tracer.crystals.media import Crystal, biaxial, isotropic, rotation_between, uniaxial
-from tracer.crystals.waves import waves_along
+from tracer.optics.crystals.media import Crystal, biaxial, isotropic, rotation_between, uniaxial
+from tracer.optics.crystals.waves import waves_along
 from tracer.studies.crystals.crystal_statements import (
     AIR,
     LAMBDA_NM,
@@ -20,6 +19,7 @@ from tracer.studies.crystals.crystal_statements import (
     on_side,
     share_of,
 )
+from tracer.studies.crystals.local_model import LocalModel
 
 __all__ = ["energy", "reciprocity"]
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tracer.crystals.local import s_and_p
-from tracer.crystals.local_model import OutgoingRay
-from tracer.crystals.media import isotropic
+from tracer.optics.crystals.local import s_and_p
+from tracer.optics.crystals.media import isotropic
+from tracer.studies.crystals.local_model import OutgoingRay
 
 __all__ = [
     "AIR",

@@ -16,8 +16,7 @@ from typing import Any, TypeVar, cast
 from pydantic import BaseModel
 
 from raymap.model.errors import SceneError
-from tracer.crystals.load import parse_toml
-from tracer.crystals.local_model import LocalModel, raymap_model
+from tracer.render.language import parse_toml
 from tracer.render.load import load_render_text
 from tracer.render.renderer import RenderScene
 from tracer.studies.crystals.calcite_box import (
@@ -30,6 +29,7 @@ from tracer.studies.crystals.conical_refraction import ConicalScene, conical_che
 from tracer.studies.crystals.conoscopy_figures import ConoscopyScene, biaxial_checks, calcite_checks
 from tracer.studies.crystals.crystal_checks import local_checks
 from tracer.studies.crystals.crystal_statements import Check
+from tracer.studies.crystals.local_model import LocalModel, raymap_model
 
 __all__ = ["SCENES", "find_model", "scene_text", "verify_crystals"]
 

@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tracer.crystals.plates import plate_jones
 from tracer.lens import Lens, trace_lens
+from tracer.optics.crystals.plates import plate_jones
 from tracer.optics.polarization_elements import retard, to_plane
 from tracer.optics.polarization_rays import PolarizationError, PolarizedRays
 from tracer.studies.microscopy.specimens import CrystalPlate

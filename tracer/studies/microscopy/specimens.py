@@ -14,8 +14,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tracer.crystals.media import Crystal
-from tracer.crystals.plates import plate_jones
+from tracer.optics.crystals.media import Crystal
+from tracer.optics.crystals.plates import plate_jones
 from tracer.optics.polarization_rays import PolarizationError
 
 __all__ = ["CrystalPlate", "RetarderPlate", "Specimen"]

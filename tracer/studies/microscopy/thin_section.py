@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from raymap.model.errors import SceneError
 from raymap.optics.colorimetry import xyz_to_linear_srgb
-from tracer.crystals.media import Crystal
-from tracer.crystals.plates import plate_retardation, plate_waves
+from tracer.optics.crystals.media import Crystal
+from tracer.optics.crystals.plates import plate_retardation, plate_waves
 from tracer.render.images import to_bytes, write_animation
 from tracer.studies.microscopy.microscope import Microscope, orthoscopy
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from raymap.model.errors import SceneError
-from tracer.crystals.local_model import OutgoingRay, raymap_model
 from tracer.studies.crystals.conical_refraction import ConicalScene, conical_checks
 from tracer.studies.crystals.crystal_checks import local_checks
 from tracer.studies.crystals.crystal_verification import (
@@ -17,6 +16,7 @@ from tracer.studies.crystals.crystal_verification import (
     scene_text,
     verify_crystals,
 )
+from tracer.studies.crystals.local_model import OutgoingRay, raymap_model
 
 
 def test_our_local_model_passes():
@@ -103,7 +103,7 @@ def test_an_independent_model_of_isotropic_media_passes_its_part():
 
 
 def test_models_and_scenes_are_found_by_name():
-    assert find_model("tracer.crystals.local_model:raymap_model") is raymap_model
+    assert find_model("tracer.studies.crystals.local_model:raymap_model") is raymap_model
     for name, message in (
         ("no_colon", "module:function"),
         ("nowhere.at_all:f", "cannot be imported"),

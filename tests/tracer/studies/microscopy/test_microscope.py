@@ -12,8 +12,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from tracer.crystals.media import biaxial, uniaxial
 from tracer.lens import Lens
+from tracer.optics.crystals.media import biaxial, uniaxial
 from tracer.optics.polarization_elements import Diaphragm, Polarizer, Retarder
 from tracer.optics.polarization_rays import PolarizationError, PolarizedRays
 from tracer.studies.interference_colors import interference_xyz, white_weights

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from raymap.model.errors import SceneError
 from raymap.optics.frames import transverse_axes
-from tracer.crystals.interface import WAVE, interface_batch
-from tracer.crystals.media import Crystal
+from tracer.optics.crystals.interface import WAVE, interface_batch
+from tracer.optics.crystals.media import Crystal
 
 __all__ = ["InterfaceWaves", "s_and_p", "solve_interface"]
 

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from raymap.model.errors import SceneError
-from tracer.crystals.media import Crystal, rotation_between
-from tracer.crystals.triangle_tree import build_triangle_tree
+from tracer.bodies.rhomb import cleavage_edges
+from tracer.optics.crystals.media import Crystal
+from tracer.render.triangle_tree import build_triangle_tree
 
 __all__ = [
     "BodyArrays",
@@ -24,9 +25,6 @@ __all__ = [
 
 Real = NDArray[np.float64]
 Array = np.ndarray[Any, np.dtype[Any]]
-
-CALCITE_OBTUSE = np.radians(101.0 + 55.0 / 60.0)
-"""Obtuse plane angle of the faces of the cleavage rhombohedron of calcite."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,16 +142,6 @@ def calcite_rhomb(
     """
     if not edge_mm > 0.0:
         raise SceneError(f"body {name!r}: edge_mm is {edge_mm:g}, it must be positive")
-    # Three edges from a blunt corner make obtuse angles with each other, about the optic axis
-    cosine = np.cos(CALCITE_OBTUSE)
-    height = np.sqrt((1.0 + 2.0 * cosine) / 3.0)
-    radius = np.sqrt(1.0 - height * height)
-    azimuth = np.radians([90.0, 210.0, 330.0])
-    edges = np.column_stack(
-        [radius * np.cos(azimuth), radius * np.sin(azimuth), np.full(3, height)]
-    )
-    down = -np.cross(edges[0], edges[1])
-    turn = rotation_between(down, (0.0, 0.0, -1.0))
     angle = np.radians(turn_deg)
     spin = np.array(
         [
@@ -162,7 +150,7 @@ def calcite_rhomb(
             [0.0, 0.0, 1.0],
         ]
     )
-    edges = edges @ (spin @ turn).T * edge_mm
+    edges = cleavage_edges(edge_mm) @ spin.T
     axis = edges.sum(axis=0)
     corner = np.asarray(base_centre, np.float64) - 0.5 * (edges[0] + edges[1])
     planes = []

@@ -24,8 +24,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from raymap.model.errors import SceneError
-from tracer.crystals.media import Crystal
-from tracer.crystals.plates import jones_bases, outside_fields
+from tracer.optics.crystals.media import Crystal
+from tracer.optics.crystals.plates import jones_bases, outside_fields
 
 __all__ = ["absorbing_interface", "absorbing_plate", "berreman_matrices"]
 
@@ -77,7 +77,7 @@ def absorbing_plate(
 ) -> tuple[Complex, Complex]:
     """Transmitted and reflected Jones matrices of an absorbing plate, exact.
 
-    Parameters, order and basis "sp" as of `tracer.crystals.plates.plate_jones`.
+    Parameters, order and basis "sp" as of `tracer.optics.crystals.plates.plate_jones`.
     """
     if not thickness_mm > 0.0:
         raise SceneError(f"plate: thickness_mm is {thickness_mm:g}, it must be positive")

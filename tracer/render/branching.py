@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from raymap.model.errors import SceneError
-from tracer.crystals.bodies import CrystalBody, compile_bodies
-from tracer.crystals.media import Crystal
-from tracer.crystals.rows import ISOTROPIC, KIND
-from tracer.crystals.tree import EXIT, NODE, grow_tree, tree_scratch
+from tracer.optics.crystals.media import Crystal
+from tracer.optics.crystals.rows import ISOTROPIC, KIND
+from tracer.render.bodies import CrystalBody, compile_bodies
+from tracer.render.tree import EXIT, NODE, grow_tree, tree_scratch
 
 __all__ = ["ExitRays", "coherent_sum", "trace_tree"]
 

@@ -19,9 +19,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from raymap.jit.kernels import inner_kernel, kernel
-from tracer.crystals.interface_modes import interface_frame, medium_modes
-from tracer.crystals.modes import MODE
-from tracer.crystals.rows import (
+from tracer.optics.crystals.interface_modes import interface_frame, medium_modes
+from tracer.optics.crystals.modes import MODE
+from tracer.optics.crystals.rows import (
     EPS_ORDINARY,
     ISOTROPIC,
     KIND,

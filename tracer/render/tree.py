@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 
 from raymap.jit.kernels import inner_kernel, kernel, lean_kernel
-from tracer.crystals.bodies import BodyArrays
-from tracer.crystals.interface import WAVE, InterfaceScratch, interface_event
-from tracer.crystals.rows import ISOTROPIC, KIND
-from tracer.crystals.triangle_tree import first_triangle
-from tracer.crystals.waves import ray_absorption
 from tracer.geometry.mesh_triangles import Line
+from tracer.optics.crystals.interface import WAVE, InterfaceScratch, interface_event
+from tracer.optics.crystals.rows import ISOTROPIC, KIND
+from tracer.optics.crystals.waves import ray_absorption
+from tracer.render.bodies import BodyArrays
+from tracer.render.triangle_tree import first_triangle
 
 __all__ = [
     "EXIT",

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from raymap.model.errors import SceneError
 from raymap.optics.frames import transverse_axes
-from tracer.crystals.media import Crystal
+from tracer.optics.crystals.media import Crystal
 
 __all__ = ["ConicalRays", "cone_opening", "conical_rays", "ring_of_plate"]
 

@@ -11,8 +11,8 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tracer.crystals.local import solve_interface
-from tracer.crystals.media import Crystal
+from tracer.optics.crystals.local import solve_interface
+from tracer.optics.crystals.media import Crystal
 
 __all__ = ["LocalModel", "OutgoingRay", "raymap_model"]
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from raymap.model.errors import SceneError
-from tracer.crystals.rows import (
+from tracer.optics.crystals.rows import (
     AXIS,
     BIAXIAL,
     EPS,

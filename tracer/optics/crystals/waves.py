@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from raymap.jit.kernels import inner_kernel
 from raymap.optics.frames import transverse_axes
-from tracer.crystals.media import Crystal
-from tracer.crystals.rows import EPS_ABSORPTION
+from tracer.optics.crystals.media import Crystal
+from tracer.optics.crystals.rows import EPS_ABSORPTION
 
 __all__ = ["CrystalWaves", "absorption_coefficient", "ray_absorption", "waves_along"]
 

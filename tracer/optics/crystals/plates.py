@@ -18,10 +18,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from raymap.jit.kernels import kernel
 from raymap.model.errors import SceneError
-from tracer.crystals.interface import interface_scratch
-from tracer.crystals.interface_modes import interface_frame, medium_modes
-from tracer.crystals.media import Crystal
-from tracer.crystals.modes import MODE
+from tracer.optics.crystals.interface import interface_scratch
+from tracer.optics.crystals.interface_modes import interface_frame, medium_modes
+from tracer.optics.crystals.media import Crystal
+from tracer.optics.crystals.modes import MODE
 
 __all__ = ["jones_bases", "outside_fields", "plate_jones", "plate_retardation", "plate_waves"]
 
@@ -112,7 +112,7 @@ def plate_jones(
 
     Parameters
     ----------
-    medium : of the plate, taken as lossless (`tracer.crystals.absorbing` is exact)
+    medium : of the plate, taken as lossless (`tracer.optics.crystals.absorbing` is exact)
     s_x, s_y : (...) tangential refraction vector, n_before times the direction's sines
     thickness_mm : of the plate
     n_before, n_after : indices of the isotropic media on both sides

@@ -8,8 +8,8 @@ import numpy as np
 
 from raymap.jit.kernels import inner_kernel
 from raymap.optics.frames import frame_towards
-from tracer.crystals.modes import TurnedMedium, forward_modes, mirror_modes
-from tracer.crystals.rows import (
+from tracer.optics.crystals.modes import TurnedMedium, forward_modes, mirror_modes
+from tracer.optics.crystals.rows import (
     AXIS,
     BIAXIAL,
     EPS,

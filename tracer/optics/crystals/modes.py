@@ -24,8 +24,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from raymap.jit.kernels import inner_kernel
-from tracer.crystals.biaxial_modes import biaxial_forward_modes
-from tracer.crystals.rows import BIAXIAL, ISOTROPIC
+from tracer.optics.crystals.biaxial_modes import biaxial_forward_modes
+from tracer.optics.crystals.rows import BIAXIAL, ISOTROPIC
 
 __all__ = [
     "MODE",

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from raymap.jit.kernels import inner_kernel
-from tracer.crystals.quartic import booker_coefficients, factor_quartic, factor_with_root
+from tracer.optics.crystals.quartic import booker_coefficients, factor_quartic, factor_with_root
 
 __all__ = ["biaxial_forward_modes"]
 
