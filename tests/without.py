@@ -1,6 +1,6 @@
 """A process in which some of our packages cannot be imported, as if their folders were deleted.
 
-``python -m tests.without tracer.crystals,tracer.render raymap check scene.toml`` runs the command
+``python -m tests.without tracer.lens,tracer.render raymap check scene.toml`` runs the command
 ``raymap``, ``python -m tests.without tracer pytest tests/query`` the tests of a room.
 """
 

@@ -1,7 +1,7 @@
 """What a run asks of a way of following light.
 
 A `Trace` is a scene that is ready to be recorded: natural, weighted or polarised light, lenses as
-trees, crystals. Of a trace and a seed comes an `Engine`, which turns ray numbers into portions. The
+trees. Of a trace and a seed comes an `Engine`, which turns ray numbers into portions. The
 run (`tracer.run.recording`) knows nothing else of them.
 """
 

@@ -215,8 +215,9 @@ def meet_as_carried(
 
 @inline_kernel
 def _meet_carried(
-    carried: Carried, rays: CarriedRays, before: int, behind: int, reduction: VarianceReduction | None,
-    ray: WeightedRay, optics: Optics, tables: F64 | None, at: Interface, way: Way, light: Light,
+    carried: Carried, rays: CarriedRays, before: int, behind: int,
+    reduction: VarianceReduction | None, ray: WeightedRay, optics: Optics, tables: F64 | None,
+    at: Interface, way: Way, light: Light,
 ) -> Weighted:  # fmt: skip
     """Let a ray with its wave meet a surface between the media of two bodies, -1 the world."""
     if _splits_light(carried, light.code, before, behind):
@@ -303,8 +304,8 @@ def _meet_smooth(
 
 @inner_kernel
 def _meet_crystal(
-    rays: CarriedRays, row_1: F64, row_2: F64, reduction: VarianceReduction | None, ray: WeightedRay,
-    optics: Optics, at: Interface, way: Way, light: Light,
+    rays: CarriedRays, row_1: F64, row_2: F64, reduction: VarianceReduction | None,
+    ray: WeightedRay, optics: Optics, at: Interface, way: Way, light: Light,
 ) -> Weighted:  # fmt: skip
     """Draw one of the waves that leave an interface with a crystal on either side."""
     kind = optics.surface_i[at.surface, S_KIND]

@@ -135,7 +135,8 @@ def test_bodies_stand_where_the_scene_puts_them() -> None:
         ),
         (
             'medium = "crystal"',
-            'medium = "crystal"\nsurface = "film"\n[surfaces.film]\nkind = "mirror"\nreflectance = 0.9',
+            'medium = "crystal"\nsurface = "film"\n'
+            '[surfaces.film]\nkind = "mirror"\nreflectance = 0.9',
             "bodies.plate: 'film' .mirror. lies on a face of a crystal",
         ),
         (

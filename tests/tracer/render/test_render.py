@@ -18,8 +18,9 @@ from tracer.render.images import to_bytes
 from tracer.render.load import load_render_text
 from tracer.render.renderer import Picture, error_in_steps, render, sample_pixels
 from tracer.render.room import Room, checker_board, uniform
-from tracer.render.scenes import crystal_scene_of
+from tracer.render.scenes import bodies_of
 from tracer.render.spectra import primary_spectra, rgb_weights, visible_wavelengths
+from tracer.scene.compile import compile_scene
 from tracer.scene.load import parse_scene
 
 SCENE = """
@@ -273,12 +274,18 @@ direction = [0, 0, -1]
 diameter = 1
 """
     )
-    recorded = crystal_scene_of(parse_scene(text))
+    scene = parse_scene(text)
+    recorded = bodies_of(scene)
     rendered = load_render_text(text)
-    np.testing.assert_array_equal(recorded.bodies[0].planes, rendered.bodies[0].planes)
-    assert recorded.wavelengths_nm == tuple(rendered.wavelengths_nm)
-    with pytest.raises(SceneError, match="raymap render draws the scene without"):
-        crystal_scene_of(parse_scene(SCENE.format(walls=WHITE)))
+    np.testing.assert_array_equal(recorded[0].planes, rendered.bodies[0].planes)
+    compiled = compile_scene(scene)
+    assert compiled.channel_set.wavelengths_nm == tuple(rendered.wavelengths_nm)
+    # Both see the same planes
+    planes = np.array([face[3:6] for face in compiled.arrays.face_f])
+    normals = recorded[0].planes[:, :3]
+    assert all(np.abs(planes - normal).max(axis=1).min() < 1e-12 for normal in normals)
+    with pytest.raises(SceneError, match="there is no source that is on"):
+        compile_scene(parse_scene(SCENE.format(walls=WHITE)))
 
 
 def test_rooms_know_their_walls():
