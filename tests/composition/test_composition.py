@@ -15,6 +15,8 @@ _SHORT = [
     ("coincident faces", "splitting"),
     ("camera", "polarised, weighted"),
     ("pinhole", "polarised, splitting"),
+    ("metal", "crystals"),
+    ("curved faces", "crystals, weighted"),
 ]
 
 
@@ -47,8 +49,8 @@ def test_a_pair_works_as_the_page_says(name: str, mode: str) -> None:
 @pytest.mark.parametrize(
     ("name", "mode", "key"),
     [
-        ("pinhole", "crystals", "bodies.sheet.medium"),
-        ("plane faces", "crystals, weighted", "trace.mode"),
+        ("pinhole", "crystals", "detectors.hole"),
+        ("pinhole", "crystals, weighted", "detectors.hole"),
     ],
 )
 def test_a_pair_is_refused_by_its_key(name: str, mode: str, key: str) -> None:

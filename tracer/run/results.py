@@ -60,7 +60,8 @@ def stopped_notes(stopped: float, errors: float, limit: str, remedy: str) -> lis
     if errors > 0.0:
         notes.append(
             f"{errors:.3%} of the light met faces in a wrong order (geometry errors); bodies "
-            "overlap or touch: raymap query MAP 'event(geometry_error)' shows where"
+            "overlap or touch, or a sheet stands inside of a crystal: raymap query MAP "
+            "'event(geometry_error)' shows where"
         )
     return notes
 
