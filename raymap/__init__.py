@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from raymap.encoding.paths import MergedPaths, PathDictionary
     from raymap.file.checks import check_portion
+    from raymap.file.mixed import write_mix
     from raymap.file.opening import open
     from raymap.file.reader import Damage, RayMap
     from raymap.file.selection import copy_selection
@@ -108,6 +109,7 @@ _PLACES = {
         "UnsupportedVersion",
     ],
     "raymap.model.events": ["ENDINGS", "FAMILIES", "Event", "event_names"],
+    "raymap.file.mixed": ["write_mix"],
     "raymap.file.opening": ["open"],
     "raymap.encoding.paths": ["MergedPaths", "PathDictionary"],
     "raymap.model.portion": ["Descriptors", "Portion"],
@@ -173,6 +175,7 @@ __all__ = [
     "join_portions",
     "open",
     "take_rays",
+    "write_mix",
 ]
 
 

@@ -82,7 +82,18 @@ NOISY = {
 """Command lines whose answers are partly doubtful."""
 
 WITHOUT = {
-    *("info", "verify", "repair", "report", "picture", "view", "export", "export-3d", "import"),
+    *(
+        "info",
+        "verify",
+        "repair",
+        "mix",
+        "report",
+        "picture",
+        "view",
+        "export",
+        "export-3d",
+        "import",
+    ),
     *("check", "doctor", "kinds", "faces", "serve", "token", "rayfile", "check-rays"),
     *("lens-levels", "lens-cone", "lens-vignetting", "lens-picture", "microscope", "render"),
     *("record-polarized", "verify-crystals", "fit-scattering"),

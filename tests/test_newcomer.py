@@ -68,6 +68,7 @@ COMMANDS = {
     "info": MAP,
     "verify": MAP,
     "repair": f"{MAP} -o >new.raymap",
+    "mix": f"{MAP} -o >both.raymix",
     "export": f"{MAP} -o >rays.parquet",
     "check-rays": "<rays.sdf -o >rays.tm25ray",
     "serve": "<served/ --token-file <token.txt --tokens <tokens.json "

@@ -68,6 +68,7 @@ WORDS: dict[str, list[str]] = {
     "info": ["a.raymap"],
     "verify": ["a.raymap"],
     "repair": ["a.raymap", "-o", "repaired.raymap"],
+    "mix": ["a.raymap:0.3", "-o", "m.raymix"],
     "export": ["a.raymap", "-o", "rays.parquet"],
     "check-rays": ["a.sdf"],
     "kinds": [],

@@ -35,12 +35,14 @@ def register(app: typer.Typer) -> None:
     from raymap.cli.foreign import import_
     from raymap.cli.kinds import kinds
     from raymap.cli.maps import export, info, repair, verify
+    from raymap.cli.mix import mix
     from raymap.cli.rayfiles import check_rays
 
     app.command("import", rich_help_panel=Panel.FILES)(import_)
     app.command("info", rich_help_panel=Panel.FILES)(info)
     app.command("verify", rich_help_panel=Panel.FILES)(verify)
     app.command("repair", rich_help_panel=Panel.FILES)(repair)
+    app.command("mix", rich_help_panel=Panel.FILES)(mix)
     app.command("export", rich_help_panel=Panel.FILES)(export)
     app.command("check-rays", rich_help_panel=Panel.FILES)(check_rays)
     app.command("kinds", rich_help_panel=Panel.SETUP)(kinds)

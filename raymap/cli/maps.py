@@ -67,12 +67,15 @@ def repair(
     force: Force = False,
 ) -> None:
     """Write the sound portions of a damaged map as a new, finished map."""
+    from raymap.file.mixed import MixedMap
     from raymap.file.repair import repair as write
     from raymap.file.shards import ShardedMap
 
     with opened_map(map) as ray_map:
         if isinstance(ray_map, ShardedMap):
             raise RayMapError(f"{map} is a folder: repair its maps one by one")
+        if isinstance(ray_map, MixedMap):
+            raise RayMapError(f"{map} is a mix: repair its maps one by one")
         portions = write(ray_map, output, force=force)
     typer.echo(f"{output}: {portions} sound portions written")
 

@@ -25,7 +25,8 @@ def open(
 
     Parameters
     ----------
-    path : a map, a folder of maps, or a list of maps; several maps of one scene open as one. An
+    path : a map, a mix, a folder of maps, or a list of maps; several maps of one scene open as
+        one. An
         address (``s3://bucket/lens.raymap``, ``https://…``, ``memory://…``) is read through fsspec,
         of which only the bytes that are needed are fetched
     on_damage : "raise" raises `DamagedPortion` at damage, "skip" leaves the damaged parts out of
@@ -38,6 +39,7 @@ def open(
     MissingExtra
         fsspec, or what it needs for the protocol of an address, is not installed.
     """
+    from raymap.file.mixed import MIX, opened_mix
     from raymap.file.shards import SUFFIX, ShardedMap, shard_paths
 
     if isinstance(path, str | os.PathLike | Address):
@@ -50,6 +52,8 @@ def open(
                 return ShardedMap(addresses, name=place, on_damage=on_damage)
         elif place.is_dir():
             return ShardedMap(shard_paths(place), name=place, on_damage=on_damage)
+        elif place.suffix == MIX:
+            return opened_mix(place, on_damage)
         return RayMap(place, on_damage=on_damage)
     if not path:
         raise NotARayMap("an empty list of maps was given")

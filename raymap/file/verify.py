@@ -21,6 +21,7 @@ from raymap.file.agreement import FALSE_COUNTS, FALSE_RAYS, FalseFooter, differe
 from raymap.file.cellsums import DetectorSums
 from raymap.file.checks import check_portion
 from raymap.file.footer import COPIED
+from raymap.file.mixed import MixedMap
 from raymap.file.reader import Damage, RayMap
 from raymap.file.stamps import forget, stamp
 from raymap.file.stored import StoredPortion
@@ -68,7 +69,10 @@ class Verification:
 def verify(ray_map: RayMap) -> Verification:
     """Check every byte of a map, or of all maps of which it is made; damage never raises here."""
     result = Verification(finished=ray_map.finished)
-    for shard in ray_map.shards:
+    shards = ray_map.shards
+    if isinstance(ray_map, MixedMap):
+        shards = [part for part, _, _ in ray_map.parts]
+    for shard in shards:
         try:
             with RayMap(shard.path, on_damage="skip") as own:
                 before = len(result.damage)

@@ -18,6 +18,7 @@ from raymap.bytes.decoding import decodes
 from raymap.encoding.paths import MergedPaths, PathDictionary
 from raymap.file.reader import RayMap
 from raymap.file.stored import StoredPortion
+from raymap.file.views import MapView, PortionView
 from raymap.model.errors import RayMapError
 from raymap.model.events import Event
 from raymap.model.portion import Descriptors
@@ -25,7 +26,6 @@ from raymap.model.rows import offsets_of, rows_of_rays
 from raymap.model.schema import COLOR_SCALE, NONE
 from raymap.passes.crossings import Place, Segments
 from raymap.passes.pathsums import sums_of_paths
-from raymap.passes.views import MapView, PortionView
 
 __all__ = ["PlacedMap", "PlacedPortion"]
 

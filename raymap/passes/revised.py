@@ -23,13 +23,13 @@ from raymap.encoding.paths import MergedPaths, PathDictionary
 from raymap.file.plainpaths import PlainPaths
 from raymap.file.reader import RayMap
 from raymap.file.stored import StoredPortion
+from raymap.file.views import MapView, PortionView, Unseen
 from raymap.model.directory import ChannelSet, Source
 from raymap.model.errors import DamagedPortion, RayMapError
 from raymap.model.schema import COLOR_SCALE
 from raymap.passes.branches import Partners, partners_of
 from raymap.passes.pathsums import PathSums, sums_of_paths
 from raymap.passes.reweighting import ChangedLaws, Reweighting
-from raymap.passes.views import MapView, PortionView, Unseen
 
 __all__ = ["LOOKED_AT", "RevisedMap", "RevisedPortion"]
 

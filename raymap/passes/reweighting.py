@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from raymap.encoding.paths import PathDictionary
 from raymap.file.stored import StoredPortion
+from raymap.file.views import Unseen
 from raymap.jit.kernels import lean_kernel
 from raymap.laws.law import Law
 from raymap.laws.medium import MediumLaw
@@ -52,7 +53,6 @@ from raymap.passes.likelihoods import (
     needs_index,
     same_facets,
 )
-from raymap.passes.views import Unseen
 
 __all__ = ["ChangedLaws", "MediumChange", "Hit", "Read", "Reweighting"]
 

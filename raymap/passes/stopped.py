@@ -20,6 +20,7 @@ from raymap.encoding.paths import MergedPaths, PathDictionary
 from raymap.encoding.pathstreams import Bounds
 from raymap.file.reader import RayMap
 from raymap.file.stored import StoredPortion
+from raymap.file.views import MapView, PortionView
 from raymap.model.directory import ChannelSet, Detector, Directory, DisplayMesh, Surface
 from raymap.model.errors import RayMapError
 from raymap.model.events import Event
@@ -29,7 +30,6 @@ from raymap.model.sceneobjects import Face, SceneObject, SceneObjects
 from raymap.model.schema import COLOR_SCALE, NONE, NORMAL_SCALE
 from raymap.passes.pathsums import sums_of_paths
 from raymap.passes.stops import Stop, Stopped, StopTable
-from raymap.passes.views import MapView, PortionView
 
 __all__ = ["StoppedMap", "StoppedPortion"]
 

@@ -19,6 +19,7 @@ from query.engine.scan import Cancel, Scan
 from query.engine.search import Found, search_portion
 from query.engine.second_try import asked_again
 from query.engine.tally import Estimate, Tally, estimate, source_factors
+from raymap.file.views import MapView
 from raymap.model.doubt import with_doubts
 from raymap.model.errors import RayMapError
 from raymap.model.rows import squares_by_emission
@@ -27,7 +28,6 @@ from raymap.passes.branches import BRANCHES
 from raymap.passes.placed import PlacedMap
 from raymap.passes.revised import RevisedMap
 from raymap.passes.stopped import StoppedMap
-from raymap.passes.views import MapView
 
 if TYPE_CHECKING:
     from raymap.file.reader import RayMap

@@ -22,6 +22,7 @@ from query.engine.search import Found
 from query.engine.second_try import asked_again
 from query.engine.tally import source_factors
 from query.expression.names import escape
+from raymap.file.views import MapView
 from raymap.jit.kernels import lean_kernel
 from raymap.laws.rough import RoughLaw
 from raymap.laws.smooth import FresnelLaw
@@ -32,7 +33,6 @@ from raymap.model.errors import RayMapError
 from raymap.model.rows import squares_by_emission
 from raymap.passes.branches import partners_of
 from raymap.passes.reweighting import Read, Reweighting
-from raymap.passes.views import MapView
 
 if TYPE_CHECKING:
     from raymap.file.reader import RayMap

@@ -13,6 +13,7 @@ from query.engine.scan import Cancel, Scan
 from query.engine.search import Found
 from query.engine.second_try import asked_again
 from query.engine.tally import Estimate, Tally, estimate, source_factors
+from raymap.file.views import MapView
 from raymap.laws.law import Law
 from raymap.model.doubt import with_doubts
 from raymap.model.errors import RayMapError
@@ -21,7 +22,6 @@ from raymap.optics.fluxes import variances
 from raymap.passes.branches import partners_of
 from raymap.passes.derivatives import Derivatives, Slopes, is_diffuse
 from raymap.passes.revised import LOOKED_AT
-from raymap.passes.views import MapView
 
 if TYPE_CHECKING:
     from raymap.file.reader import RayMap

@@ -76,6 +76,7 @@ class PortionView(StoredPortion):
         self.own = own
         self.channel_set, self.has_weights = own.channel_set, own.has_weights
         self.has_paths = own.has_paths
+        self.first_ray, self.last_ray, self.emitted = own.first_ray, own.last_ray, own.emitted
 
     @property
     def n_records(self) -> int:
@@ -127,6 +128,10 @@ class PortionView(StoredPortion):
     def ray_ids(self) -> NDArray[np.int64]:
         """As of what it looks at."""
         return self.own.ray_ids()
+
+    def index_of(self, ray_id: int) -> int:
+        """As of what it looks at."""
+        return self.own.index_of(ray_id)
 
     def color_table(self) -> NDArray[np.uint16]:
         """As of what it looks at."""
