@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from raymap.jit.kernels import stage_kernel
+from raymap.jit.kernels import inner_kernel, stage_kernel
 from raymap.laws.law import Law as StoredLaw
 from raymap.laws.sheet import FilterLaw, filter_transmittance
 from raymap.model.events import Event
@@ -17,29 +17,37 @@ from tracer.rays.random import advance, uniform
 from tracer.surfaces.interaction import ABSORBED, Hit, Light, Optics, Outcome
 from tracer.surfaces.surface import Surface, SurfaceRow
 
-__all__ = ["Filter", "meet_filter"]
+__all__ = ["Filter", "meet_filter", "pass_or_absorb"]
 
 
 _REFRACTED = int(Event.SPECULAR_REFRACTION)
 
 
-@stage_kernel
-def meet_filter(optics: Optics, hit: Hit, light: Light) -> Outcome:
-    """Go straight on, or be absorbed."""
+@inner_kernel
+def pass_or_absorb(event: int, light: Light) -> Outcome:
+    """Let light go straight on, or absorb it, by the shares in the first spare row of colours."""
     colors, counters, code = light.colors, light.counters, light.code
-    n_channels = colors.shape[1]
     spare = counters[COLORS] + 1
-    for j in range(n_channels):
-        normal = optics.surface_f[hit.surface, SURFACE_ROW + n_channels + j]
-        colors[spare, j] = filter_transmittance(
-            normal, hit.wz, optics.medium_f[hit.medium, j], optics.surface_f[hit.surface, 0]
-        )
     state = advance(light.state)
     if uniform(state) >= mean_of(colors, code, colors, spare, np.int64(0)):
         code = recolor_lost(colors, code, colors, spare, np.int64(0), counters)
         return ABSORBED, 0.0, 0.0, 0.0, code, state
     code = recolor(colors, code, colors, spare, np.int64(0), counters)
-    return _REFRACTED, 0.0, 0.0, 0.0, code, state
+    return event, 0.0, 0.0, 0.0, code, state
+
+
+@stage_kernel
+def meet_filter(optics: Optics, hit: Hit, light: Light) -> Outcome:
+    """Go straight on, or be absorbed."""
+    colors = light.colors
+    n_channels = colors.shape[1]
+    spare = light.counters[COLORS] + 1
+    for j in range(n_channels):
+        normal = optics.surface_f[hit.surface, SURFACE_ROW + n_channels + j]
+        colors[spare, j] = filter_transmittance(
+            normal, hit.wz, optics.medium_f[hit.medium, j], optics.surface_f[hit.surface, 0]
+        )
+    return pass_or_absorb(_REFRACTED, light)
 
 
 class Filter(Surface):

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-import numpy as np
-
 from raymap.jit.kernels import stage_kernel
 from raymap.laws.law import Law as StoredLaw
 from raymap.laws.sheet import PolariserLaw
 from raymap.model.events import Event
 from tracer.compiled import POLARISER, SURFACE_ROW
 from tracer.description.fields import Share, Spectral, Vector
-from tracer.rays.colors import COLORS, mean_of, recolor, recolor_lost
-from tracer.rays.random import advance, uniform
-from tracer.surfaces.interaction import ABSORBED, Hit, Light, Optics, Outcome
+from tracer.rays.colors import COLORS
+from tracer.surfaces.filter import pass_or_absorb
+from tracer.surfaces.interaction import Hit, Light, Optics, Outcome
 from tracer.surfaces.surface import Surface, SurfaceRow, axis_of
 
 __all__ = ["Polariser", "meet_polariser"]
@@ -25,18 +23,13 @@ _PASSED = int(Event.SPECULAR_REFRACTION | Event.POLARISER)
 @stage_kernel
 def meet_polariser(optics: Optics, hit: Hit, light: Light) -> Outcome:
     """Go straight on, or be absorbed, as natural light is."""
-    colors, counters, code = light.colors, light.counters, light.code
+    colors = light.colors
     n_channels = colors.shape[1]
-    spare = counters[COLORS] + 1
+    spare = light.counters[COLORS] + 1
     for j in range(n_channels):
         clear = optics.surface_f[hit.surface, SURFACE_ROW + n_channels + j]
         colors[spare, j] = 0.5 * (1.0 + optics.surface_f[hit.surface, 0]) * clear
-    state = advance(light.state)
-    if uniform(state) >= mean_of(colors, code, colors, spare, np.int64(0)):
-        code = recolor_lost(colors, code, colors, spare, np.int64(0), counters)
-        return ABSORBED, 0.0, 0.0, 0.0, code, state
-    code = recolor(colors, code, colors, spare, np.int64(0), counters)
-    return _PASSED, 0.0, 0.0, 0.0, code, state
+    return pass_or_absorb(_PASSED, light)
 
 
 class Polariser(Surface):
