@@ -10,7 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = ["FEATURES", "Feature", "write_meshes"]
+from raymap import rayfiles
+from raymap.rayfiles.rays import RaySet
+
+__all__ = ["FEATURES", "Feature", "scene", "write_files"]
 
 HEAD = """
 length_unit = "mm"
@@ -79,10 +82,12 @@ surface = "{surface}"
 """
 
 
-def scene(*parts: str, lamp: str = LAMP, wavelengths: str = "550") -> str:
+def scene(
+    *parts: str, lamp: str = LAMP, wavelengths: str = "550", planes: str = AHEAD + BACK
+) -> str:
     """A scene in one wavelength, unless more are given."""
     spectrum = f'[spectrum]\nkind = "spectral"\nwavelengths_nm = [{wavelengths}]\n'
-    return HEAD + spectrum + "".join(parts) + lamp + AHEAD + BACK
+    return HEAD + spectrum + "".join(parts) + lamp + planes
 
 
 def _of_surface(
@@ -234,8 +239,23 @@ FEATURES: dict[str, Feature] = {
 """Columns, in the order of the page."""
 
 
-def write_meshes(folder: Path) -> None:
-    """The mesh that a scene names, beside it."""
+def write_files(folder: Path) -> None:
+    """The mesh, picture and list of rays that scenes name, beside them."""
+    import numpy as np
     import trimesh
+    from PIL import Image
 
     trimesh.creation.box((20.0, 20.0, 4.0)).export(folder / "block.stl")
+    Image.fromarray(np.array([[[250] * 3, [90] * 3]] * 2, np.uint8)).save(folder / "picture.png")
+    random = np.random.default_rng(1)
+    position = np.column_stack([random.uniform(-2.0, 2.0, (500, 2)), np.zeros(500)])
+    direction = np.column_stack([random.uniform(-0.3, 0.3, (500, 2)), np.ones(500)])
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    rays = RaySet(
+        position=position.astype(np.float32),
+        direction=direction.astype(np.float32),
+        flux=random.uniform(0.5, 1.5, 500).astype(np.float32),
+        length_unit="mm",
+        flux_unit="W",
+    )
+    rayfiles.write(rays, folder / "rays.tm25ray")

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from raymap.model.errors import RayMapError
-from tests.composition.features import FEATURES, Feature, write_meshes
+from tests.composition.features import FEATURES, Feature, write_files
 from tracer import record
 
-__all__ = ["MODES", "Cell", "filled", "page", "tried"]
+__all__ = ["MODES", "Cell", "apart", "counted", "filled", "page", "tried"]
 
 RAYS = 6000
 _AGREE, _DIFFER = 4.5, 6.0
@@ -59,21 +59,23 @@ class Cell:
     line: str = ""
 
 
-def flux(text: str, detector: str, *, mode: str = "analog", seed: int = 1) -> tuple[float, float]:
+def counted(
+    text: str, detector: str, *, mode: str = "analog", seed: int = 1, rays: int = RAYS
+) -> tuple[float, float]:
     """Flux on a detector and its standard error, of a scene followed in one way."""
     trace, more = MODES[mode]
     text += more + (f"[trace]\n{trace}" if trace else "")
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        write_meshes(Path(folder))
+        write_files(Path(folder))
         path = Path(folder) / "scene.toml"
         path.write_text(text, encoding="utf-8")
-        result = record(path, None, no_rays=True, rays=RAYS, seed=seed, threads=1)
+        result = record(path, None, no_rays=True, rays=rays, seed=seed, threads=1)
     row = result.fluxes["detectors"][detector]
     return row["flux"], row["flux_se"]
 
 
-def _apart(a: tuple[float, float], b: tuple[float, float]) -> float:
+def apart(a: tuple[float, float], b: tuple[float, float]) -> float:
     """Difference in standard errors; what both see of every ray has none."""
     return abs(a[0] - b[0]) / max(math.hypot(a[1], b[1]), 1e-6)
 
@@ -82,15 +84,15 @@ def tried(name: str, mode: str) -> Cell:
     """Try a pair."""
     feature: Feature = FEATURES[name]
     try:
-        found = flux(feature.on, feature.detector, mode=mode, seed=2)
+        found = counted(feature.on, feature.detector, mode=mode, seed=2)
     except RayMapError as error:
         line = str(error).partition("scene.toml: ")[2] or str(error)
         return Cell("refused", line)
-    right = flux(feature.on, feature.detector)
-    without = flux(feature.off, feature.detector)
-    if _apart(found, right) > _AGREE:
+    right = counted(feature.on, feature.detector)
+    without = counted(feature.off, feature.detector)
+    if apart(found, right) > _AGREE:
         return Cell("differs", f"{found} against {right}")
-    if _apart(found, without) < _DIFFER:
+    if apart(found, without) < _DIFFER:
         return Cell("idle", f"{found} is what stands there without it: {without}")
     return Cell("works")
 
