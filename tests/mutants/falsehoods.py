@@ -90,7 +90,22 @@ MUTANTS = (
         false="np.maximum(2.0 * sum_w2 - mean, 0.0)",
         features={
             "answers": f"{_ANSWERS}/test_answers.py::test_flux_and_error_are_those_of_the_formula",
+            "table of paths": f"{_ANSWERS}/test_tables.py::test_every_row_selects_its_rays",
+            "what rows leave out": f"{_ANSWERS}/test_tables.py::test_the_remainder_makes_it_whole",
+            "ghosts": f"{_ANSWERS}/test_tables.py::test_ghosts_by_pair_of_faces",
+            "audit": f"{_ANSWERS}/test_tables.py::test_the_audit_closes",
+            "illuminated objects": f"{_ANSWERS}/test_tables.py::"
+            "test_illuminated_and_critical_objects",
+            "sources one by one": f"{_ANSWERS}/test_tables.py::test_sweeps_tell_sources_apart",
+            "pictures": f"{_ANSWERS}/test_images.py::test_pictures_are_sums_over_registrations",
+            "histograms": f"{_ANSWERS}/test_histograms.py::test_sums_are_those_over_all_rays",
+            "sensitivity": f"{_ANSWERS}/what_if/test_sensitivity.py::"
+            "test_derivatives_are_those_of_changed_maps",
             "comparison of maps": f"{_ANSWERS}/test_comparison.py",
+            "plates": "tests/tracer/scattering/test_goniophotometer.py::"
+            "test_reference_table_within_error",
+            "scenes on the goniophotometer": "tests/tracer/scattering/"
+            "test_scene_goniophotometer.py::test_general_tracer_equals_the_plate_walk",
             "what a trace counts": "tests/tracer/run/test_counts.py::"
             "test_standard_errors_are_the_scatter_of_repeated_traces",
         },
@@ -104,6 +119,12 @@ MUTANTS = (
             "directions drawn about another": "tests/tracer/geometry/test_directions.py::"
             "test_directions_keep_length_angle_and_azimuth",
             "lens trees": "tests/tracer/lens/test_reference_tree.py",
+            "rays one by one": f"{_ENGINE}/test_physics.py::"
+            "test_matched_index_is_invisible_and_keeps_the_direction",
+            "colours that part": f"{_ENGINE}/test_physics.py::"
+            "test_prism_deviates_by_the_minimum_and_selects_channels_evenly",
+            "weighted light": f"{_ENGINE}/test_weighted.py::"
+            "test_all_pairs_of_a_coated_lens_are_known",
         },
     ),
 )

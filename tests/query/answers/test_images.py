@@ -12,7 +12,7 @@ import query
 import raymap
 from raymap import RayMapError
 from tests.naive.rays import rays_of
-from tests.query.by_hand import flux_of, matching
+from tests.query.by_hand import flux_of, flux_se_of, matching
 
 
 def test_pictures_are_sums_over_registrations(map: Any) -> None:
@@ -21,6 +21,7 @@ def test_pictures_are_sums_over_registrations(map: Any) -> None:
     for name, criterion in layers.items():
         width, height = 8, 6
         flux, rays = np.zeros((height, width)), np.zeros((height, width))
+        registrations = []
         for ray in rays_of(map) if criterion is None else matching(map, criterion):
             for point in ray.points:
                 for detector, registered, uv in point.crossings:
@@ -30,9 +31,12 @@ def test_pictures_are_sums_over_registrations(map: Any) -> None:
                         ]
                         flux[cell[1], cell[0]] += flux_of(map, [ray])
                         rays[cell[1], cell[0]] += 1
+                        registrations.append(ray)
         picture = pictures[name]
         np.testing.assert_allclose(picture.flux, flux, rtol=1e-4, atol=1e-9)
         np.testing.assert_array_equal(picture.rays, rays)
+        # A ray that registers twice brings twice its weight
+        assert picture.total_se == pytest.approx(flux_se_of(map, registrations), rel=1e-4)
         np.testing.assert_allclose(picture.irradiance, flux / 4e-6, rtol=1e-4, atol=1e-3)
         # 16 x 12 mm in 8 x 6 cells: 4 mm² each; luminous efficacies of the channels.
         efficacy = np.array([25.0, 680.0, 73.0])

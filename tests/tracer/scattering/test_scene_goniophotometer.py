@@ -75,6 +75,8 @@ def test_general_tracer_equals_the_plate_walk(
         assert light.incidence_deg == pytest.approx(angle, abs=1e-3)
         for name in ("reflectance", "transmittance"):
             value, error = getattr(light, name), getattr(light, f"{name}_se")
+            # Rays leave to a side, or they do not: the error of a share of all
+            assert error == pytest.approx(math.sqrt(value * (1.0 - value) / 20_000), rel=1e-3)
             assert abs(value - getattr(exact, name)[0, 0]) < 4.5 * error + 2e-4
         assert light.reflectance + light.transmittance + light.absorbed == pytest.approx(1.0)
         assert light.scatterings == pytest.approx(walk.scatterings, rel=0.05)
