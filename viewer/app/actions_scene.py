@@ -6,10 +6,10 @@ from typing import Any
 
 from viewer.app.core import LOOK, RAY_STEPS, Core
 from viewer.app.session import MOST_PIXELS_ACROSS
-from viewer.drawn.state import Camera, Clip, StateError, read_camera, state_to_address
+from viewer.drawn.state import Camera, Clip, StateError, read_camera
 from viewer.panels.scene import section_fields, section_of
 
-__all__ = ["SceneActions"]
+__all__ = ["SceneActions", "sight_of"]
 
 
 class SceneActions(Core):
@@ -53,7 +53,7 @@ class SceneActions(Core):
         image = await self.paint(lambda: self.session.frame(width, height, ratio, coarse=coarse))
         if not coarse:
             with self.page:
-                self.page.address = state_to_address(self.session.state)
+                self.settled()
         return {"image": image, "type": "image/jpeg", "coarse": coarse}
 
     async def scene(self, request: dict[str, Any]) -> dict[str, Any]:
@@ -74,19 +74,17 @@ class SceneActions(Core):
         self._size = _size(request)
         self.session.take_camera(request["camera"])
         with self.page:
-            self.page.address = state_to_address(self.session.state)
+            self.settled()
 
     async def pick(self, request: dict[str, Any]) -> None:
         """A click in the scene: open the report of the ray there."""
-        place = float(request["x"]), float(request["y"])
-        found = await self.ask(self.session.pick, *place, *_size(request), _camera(request))
+        found = await self.ask(self.session.pick, *sight_of(request))
         if found.ray is not None:
             await self.open_ray(str(found.ray[0]), found.ray[1])
 
     async def hover(self, request: dict[str, Any]) -> str:
         """What is under the mouse."""
-        place = float(request["x"]), float(request["y"])
-        found = await self.ask(self.session.pick, *place, *_size(request), _camera(request))
+        found = await self.ask(self.session.pick, *sight_of(request))
         return str(found.words)
 
     def look(self, name: str) -> None:
@@ -115,6 +113,11 @@ class SceneActions(Core):
 
 def _pair(values: Any) -> tuple[float, float] | None:
     return None if values is None else (float(values[0]), float(values[1]))
+
+
+def sight_of(request: dict[str, Any]) -> tuple[float, float, int, int, Camera | None]:
+    """The pixel that a request speaks of, the size of its picture, and where that is seen from."""
+    return float(request["x"]), float(request["y"]), *_size(request), _camera(request)
 
 
 def _camera(request: dict[str, Any]) -> Camera | None:

@@ -11,6 +11,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, Literal
 
 from raymap.model.errors import CriterionError, RayMapError
+from viewer.app.history import History
 from viewer.app.inquiry import Inquiry, criterion_error
 from viewer.app.session import Session
 from viewer.drawn.state import ViewState, state_from_json, state_to_address
@@ -32,7 +33,7 @@ LOOK = ("color", "width", "opacity", "fade", "body_opacity", "names", "dark")
 SECTION = ("section_on", "section_side", "section_place", "section_rays")
 CLIP = ("clip_event", "clip_after", "clip_until")
 
-ANSWERING = ("frame", "hover", "scene", "chunk")
+ANSWERING = ("frame", "hover", "scene", "chunk", "offer")
 """Coroutines whose answer the page waits for."""
 
 Render = Literal["auto", "client", "server"]
@@ -73,6 +74,7 @@ class Core:
     ) -> None:
         self.server, self.page, self.render = server, server.state, render
         self.session = Session(ray_map, state, bodies)
+        self.history = History(self.session.state)
         self.inquiry = Inquiry(self.session)
         self.questions = self._questions()
         self.registry = registry or CriterionRegistry.of_user()
@@ -235,9 +237,34 @@ class Core:
         with self.page:
             self.page.update(fields)
             self.page.version += 1
-            self.page.address = state_to_address(self.session.state)
+            self.settled()
             self.page.parallel = self._parallel()
             self.page.up = self.session.state.up
+
+    def settled(self) -> None:
+        """A state is shown: put it into the address and among the steps to go back to."""
+        self.history.note(self.session.state, time.monotonic())
+        self.page.address = state_to_address(self.session.state)
+        self.page.can_undo, self.page.can_redo = self.history.can_undo, self.history.can_redo
+
+    def undo(self) -> None:
+        """Show what was shown before."""
+        self._go(self.history.undo(self.session.state))
+
+    def redo(self) -> None:
+        """Show again what was undone last."""
+        self._go(self.history.redo(self.session.state))
+
+    def _go(self, state: ViewState) -> None:
+        before, self.session.state = self.session.state, state
+        if state == before:
+            return
+        self._push()
+        if (state.criterion, state.paths) != (before.criterion, before.paths):
+            self.page.criterion_error = None
+            self._spawn(self._answer())
+        else:
+            self.repaint(**self.inquiry.drawn())
 
     def change(self, **changes: Any) -> bool:
         """Take changes from the page, checked as a saved session would be."""

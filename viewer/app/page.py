@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from raymap.model.errors import RayMapError
 from raymap.model.events import FAMILIES
+from viewer.app.actions_gestures import GestureActions
 from viewer.app.actions_results import ResultActions
-from viewer.app.actions_scene import SceneActions
 from viewer.app.core import CLIP, LOOK, RAY_STEPS, SECTION
 from viewer.drawn.state import COLOR_RULES, ViewState
 from viewer.panels.panel import PANELS
@@ -28,7 +28,7 @@ EXPORTS = (
 )
 
 
-class Application(SceneActions, ResultActions):
+class Application(GestureActions, ResultActions):
     """One map on the pages of one browser; the parameters are those of `Core`."""
 
     def __init__(
@@ -48,7 +48,7 @@ class Application(SceneActions, ResultActions):
             {
                 "version": 0, "messages": [], "searching": False, "progress": 0.0, "answered": 0,
                 "menu": False, "panel_busy": False, "file": None, "address": "", "parallel": True,
-                "render": self.render,
+                "render": self.render, "can_undo": False, "can_redo": False,
                 "up": "y",
                 "criterion_error": None, "answer_text": "", "answer_flux": "", "answer_title": "",
                 "drawn_text": "", "legend": {"title": "", "scale": False, "entries": []},
@@ -82,7 +82,8 @@ class Application(SceneActions, ResultActions):
             "criterion": self.set_criterion, "complete": self.complete, "cancel": self.cancel,
             "restore": self.restore, "load": self.load, "hello": self.hello,
             "rays": self.set_rays, "object": self.toggle_object, "opacity": self.set_opacity,
-            "export": self.export, "dismiss": self.dismiss,
+            "export": self.export, "dismiss": self.dismiss, "offer": self.offer,
+            "gesture": self.gesture, "undo": self.undo, "redo": self.redo,
         }  # fmt: skip
         for panel in PANELS.kinds():
             for name, action in panel.actions.items():

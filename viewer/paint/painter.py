@@ -257,12 +257,12 @@ class Painter:
 
     def pick_body(
         self, state: ViewState, camera: Camera, x: float, y: float, width: int, height: int
-    ) -> str | None:
-        """Name of the nearest face under a pixel, "object.face"."""
+    ) -> tuple[str, str] | None:
+        """Names of the body and of its face nearest under a pixel; a face may have none."""
         origin, direction = screen_ray(camera, x, y, width, height)
         # Start well before the scene: a parallel camera may stand inside a body
         reach = 2 * self.directory.bounding_sphere.radius if camera.parallel else 0.0
-        best: tuple[float, str] | None = None
+        best: tuple[float, tuple[str, str]] | None = None
         for body in self.visible(state):
             if len(body.corners) == 0:
                 continue
@@ -272,6 +272,6 @@ class Painter:
             if found is not None and (best is None or found[1] < best[0]):
                 faces = self.directory.objects[body.index].faces
                 number = int(body.face[found[0]])
-                face = f".{faces[number].name}" if 0 <= number < len(faces) else ""
-                best = (found[1], body.name + face)
+                face = faces[number].name if 0 <= number < len(faces) else ""
+                best = (found[1], (body.name, face))
         return best[1] if best is not None else None

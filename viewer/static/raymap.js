@@ -19,10 +19,17 @@
         <canvas v-show="own" ref="letters" class="rm-letters"></canvas>
         <img v-show="src && !own" :src="src" draggable="false" alt="scene with rays"/>
         <div v-if="slow" class="rm-spinner"></div>
+        <div v-if="menu" class="rm-menu rm-at" ref="menu" role="menu" data-testid="scene-menu"
+             :style="{left: menu.x + 'px', top: menu.y + 'px'}" @pointerdown.stop @dblclick.stop
+             @keydown.stop="menuKey" @wheel.stop>
+          <template v-for="group in menu.groups"><h4 v-if="group.title">{{ group.title }}</h4>
+            <button v-for="[what, which, words] in group.entries" role="menuitem"
+                    :data-testid="'gesture-' + what" @click="choose(what, which)">{{ words }}</button>
+          </template></div>
         <div v-if="tip" class="rm-tip" :style="{left: tipX + 'px', top: tipY + 'px'}">{{ tip }}</div>
       </div>`,
     data: () => ({ src: null, painted: -1, pending: 0, slow: false, dragging: null, tip: "",
-                   tipX: 0, tipY: 0, own: false, rates: "" }),
+                   tipX: 0, tipY: 0, own: false, rates: "", menu: null }),
     created() {
       this.queue = null; this.again = false; this.fine = null; this.hover = null;
       this.spin = null; this.scene = null; this.resting = null; this.asked = 0;
@@ -187,8 +194,36 @@
         const at = { ...this.size(), x, y };
         return this.own ? { ...at, camera: this.scene.camera } : at;
       },
+      // What can be done with what is under the mouse
+      async offer(x, y) {
+        this.hideTip();
+        const found = await call("rm_offer", this.sight(x, y));
+        if (!found || !found.groups.length) { this.menu = null; return; }
+        this.menu = { groups: found.groups, x, y };
+        await this.$nextTick();
+        const box = this.$refs.box, menu = this.$refs.menu;
+        this.menu.x = Math.max(0, Math.min(x, box.clientWidth - menu.offsetWidth - 4));
+        this.menu.y = Math.max(0, Math.min(y, box.clientHeight - menu.offsetHeight - 4));
+        menu.querySelector("button").focus();
+      },
+      choose(what, which) {
+        this.menu = null;
+        this.$refs.box.focus();
+        call("rm_gesture", what, which);
+      },
+      menuKey(event) {
+        const all = [...this.$refs.menu.querySelectorAll("button")];
+        const at = all.indexOf(document.activeElement);
+        const step = { ArrowDown: 1, ArrowUp: -1 }[event.key];
+        if (event.key === "Escape") { this.menu = null; this.$refs.box.focus(); }
+        else if (step) {
+          event.preventDefault();
+          all[(at + step + all.length) % all.length].focus();
+        }
+      },
       down(event) {
         this.hideTip();
+        this.menu = null;
         this.$refs.box.setPointerCapture(event.pointerId);
         const [x, y] = this.place(event);
         this.dragging = { x, y, x0: x, y0: y, moved: false,
@@ -215,6 +250,7 @@
         if (!drag.moved && event.type === "pointerup" && event.button === 0) {
           call("rm_pick", this.sight(x, y));
         }
+        if (!drag.moved && event.type === "pointerup" && event.button === 2) this.offer(x, y);
       },
       wheel(event) {
         const [x, y] = this.place(event);
@@ -401,10 +437,22 @@
       const session = window.location.hash.slice(1);
       if (session) call("rm_restore", session);
       call("rm_hello");
+      // Undo and redo; a field of text has its own
+      this.onKey = (event) => {
+        if (!(event.ctrlKey || event.metaKey) || event.target.matches("input, textarea, select")) return;
+        const key = event.key.toLowerCase(), again = key === "y" || (key === "z" && event.shiftKey);
+        if (!again && key !== "z") return;
+        event.preventDefault();
+        call(again ? "rm_redo" : "rm_undo");
+      };
+      window.addEventListener("keydown", this.onKey);
       this.onHash = () => call("rm_restore", window.location.hash.slice(1));
       window.addEventListener("hashchange", this.onHash);
     },
-    beforeUnmount() { window.removeEventListener("hashchange", this.onHash); },
+    beforeUnmount() {
+      window.removeEventListener("hashchange", this.onHash);
+      window.removeEventListener("keydown", this.onKey);
+    },
     watch: {
       address(value) {
         const url = new URL(window.location);

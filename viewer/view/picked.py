@@ -33,23 +33,31 @@ class Picked:
     Attributes
     ----------
     ray : (number of the ray, step of the nearer point), or None
-    face : "object.face" of the foremost face, or None
+    body, face_name : of the foremost face; None and "" where there is none
     words : the same for people, in lines
     """
 
     ray: tuple[int, int] | None
-    face: str | None
+    body: str | None
+    face_name: str
     words: str
+
+    @property
+    def face(self) -> str | None:
+        """ "object.face" of the foremost face."""
+        return f"{self.body}.{self.face_name}" if self.body and self.face_name else self.body
 
 
 def pick(painter: Painter, state: ViewState, shown: Shown, sight: Sight) -> Picked:
     """What is drawn at a pixel."""
     at = (sight.camera, sight.x, sight.y, sight.width, sight.height)
     found = painter.pick_ray(shown, *at)
-    face = painter.pick_body(state, *at)
+    body, face = painter.pick_body(state, *at) or (None, "")
     words = [_of_ray(painter.directory, shown, *found)] if found is not None else []
+    if body is not None:
+        words.append(f"{body}.{face}" if face else body)
     ray = None if found is None else (int(shown.rays.ray_ids[found[0]]), found[1])
-    return Picked(ray=ray, face=face, words="\n".join([*words, *([face] if face else [])]))
+    return Picked(ray=ray, body=body, face_name=face, words="\n".join(words))
 
 
 def _of_ray(directory: Directory, shown: Shown, index: int, step: int) -> str:

@@ -78,11 +78,8 @@ class Window:
 
     def hide(self) -> None:
         """Hide the object that was clicked last."""
-        if self._last is not None and self._last.face is not None:
-            name = self._last.face.rpartition(".")[0] or self._last.face
-            known = {body.name for body in self.scene.painter.bodies}
-            name = self._last.face if self._last.face in known else name
-            self.scene.change(hidden=tuple(sorted({*self.state.hidden, name})))
+        if self._last is not None and self._last.body is not None:
+            self.scene.change(hidden=tuple(sorted({*self.state.hidden, self._last.body})))
 
     def show_all(self) -> None:
         """Show all objects."""

@@ -292,6 +292,104 @@ def test_names_and_scale_are_written_over_the_picture(page: Drawn, server: Runni
     assert page.tab.evaluate(f"({SCENE}).written.names") == 0
 
 
+def point_at(page: Drawn, server: RunningServer, place: tuple[float, float, float]) -> Any:
+    """The pixel of the page where a place is seen."""
+    box = page.get("canvas").bounding_box()
+    width, height = round(box["width"]), round(box["height"])
+    matrix = view_matrix(read_camera(page.camera()), width, height, 1.0)
+    x, y, _, w = matrix @ np.append(np.array(place), 1.0)
+    return box["x"] + x / w, box["y"] + y / w
+
+
+def alphas(page: Drawn) -> list[int]:
+    found: list[int] = page.tab.evaluate(f"Array.from(({SCENE}).alphas)")
+    return found
+
+
+def test_a_right_click_offers_what_can_be_done_with_a_face(
+    page: Drawn, server: RunningServer
+) -> None:
+    look(page, server, hidden=("tube",))
+    page.get("view-side").click()
+    page.settle()
+    rim = point_at(page, server, (0, 9.2, 2.0))
+    page.tab.mouse.click(*rim, button="right")
+    page.get("scene-menu").wait_for()
+    page.shot("client-menu")
+    assert page.get("scene-menu").locator("h4").first.inner_text() == "L1.rim"
+    # Keys move in the menu and close it
+    page.tab.keyboard.press("ArrowDown")
+    page.tab.keyboard.press("Escape")
+    assert page.get("scene-menu").count() == 0
+    for word, text in (
+        ("must", 'hit("L1.rim")'),
+        ("never", '!hit("L1.rim")'),
+        ("reflected", 'hit("L1.rim", reflected)'),
+        ("ended", 'last(hit("L1.rim"))'),
+    ):
+        page.tab.mouse.click(*rim, button="right")
+        page.get(f"gesture-{word}").click()
+        page.tab.wait_for_function(
+            "text => document.querySelector('[data-testid=criterion]').value === text", arg=text
+        )
+        page.settle()
+        page.get("undo").click()
+        page.tab.wait_for_function("document.querySelector('[data-testid=criterion]').value === ''")
+        page.settle()
+    look(page, server, hidden=())
+
+
+def test_hide_and_isolate_are_undone(page: Drawn, server: RunningServer) -> None:
+    look(page, server, hidden=("tube",))
+    page.get("view-side").click()
+    page.settle()
+    before = alphas(page)
+    rim = point_at(page, server, (0, 9.2, 2.0))
+    for word, shown in (("hide", [False, False, True]), ("isolate", [True, False, False])):
+        page.tab.mouse.click(*rim, button="right")
+        page.get(f"gesture-{word}").click()
+        page.tab.wait_for_function(
+            f"shown => ({SCENE}).alphas.every((a, i) => (a > 0) === shown[i])", arg=shown
+        )
+        page.get("view").focus()
+        page.tab.keyboard.press("Control+z")
+        page.tab.wait_for_function(
+            f"before => ({SCENE}).alphas.every((a, i) => a === before[i])", arg=before
+        )
+    page.tab.keyboard.press("Control+Shift+z")
+    page.tab.wait_for_function(f"({SCENE}).alphas[2] === 0")
+    page.tab.mouse.click(*rim, button="right")
+    page.get("gesture-show").click()
+    page.tab.wait_for_function(f"({SCENE}).alphas.every(a => a > 0)")
+
+
+def test_the_path_of_a_ray_is_selected_and_left_out(page: Drawn, server: RunningServer) -> None:
+    page.get("view-side").click()
+    page.settle()
+    session = server.application.session
+    middles = session.shown().lines.segments.mean(axis=1)
+    # One behind the lens, which is in the picture
+    ends = session.shown().lines.segments[int(np.argmax(middles[:, 2] > 15))]
+    spot = point_at(page, server, tuple(ends.mean(axis=0)))
+    counts = []
+    for word in ("path", "not_path"):
+        page.tab.mouse.click(*spot, button="right")
+        page.get(f"gesture-{word}").click()
+        page.tab.wait_for_function(
+            "document.querySelector('[data-testid=undo]').disabled === false"
+        )
+        page.tab.wait_for_function(
+            "document.querySelector('[data-testid=criterion]').value.includes('path(')"
+        )
+        page.settle()
+        counts.append(int(page.text("answer").split(" of ")[0].replace(",", "")))
+        page.get("undo").click()
+        page.tab.wait_for_function("document.querySelector('[data-testid=criterion]').value === ''")
+        page.settle()
+    assert sum(counts) == session.map.rays
+    assert min(counts) > 0
+
+
 def test_what_comes_too_late_is_dropped(page: Drawn) -> None:
     took = page.tab.evaluate(
         f"""() => {{
