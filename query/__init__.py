@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from query.answers.paths.tables import PathRow, PathTable, path_table
     from query.answers.reports.comparison import Comparison, compare
     from query.answers.reports.energy import Audit, audit
-    from query.answers.reports.histograms import Histogram, histogram
+    from query.answers.reports.histograms import Histogram, PathNumbers, histogram, path_numbers
     from query.answers.reports.illumination import Illumination, illuminated
     from query.answers.reports.ray_report import report
     from query.answers.reports.rays_at_place import rays_at, write_ray_file
@@ -70,6 +70,7 @@ _LAZY = {
     "Histogram": "query.answers.reports.histograms",
     "Improvement": "query.answers.what_if.improve",
     "Illumination": "query.answers.reports.illumination",
+    "PathNumbers": "query.answers.reports.histograms",
     "PathRow": "query.answers.paths.tables",
     "PathTable": "query.answers.paths.tables",
     "Progress": "query.engine.scan",
@@ -109,6 +110,7 @@ _LAZY = {
     "parameter": "query.atoms.hit",
     "parse": "query.expression.grammar",
     "path": "query.atoms.path",
+    "path_numbers": "query.answers.reports.histograms",
     "path_table": "query.answers.paths.tables",
     "rays_at": "query.answers.reports.rays_at_place",
     "rect": "query.atoms.detected",
@@ -143,6 +145,7 @@ __all__ = [
     "Histogram",
     "Illumination",
     "Improvement",
+    "PathNumbers",
     "PathRow",
     "PathTable",
     "Progress",
@@ -184,6 +187,7 @@ __all__ = [
     "parameter",
     "parse",
     "path",
+    "path_numbers",
     "path_table",
     "rays_at",
     "rect",

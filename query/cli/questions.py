@@ -27,6 +27,7 @@ from raymap.cli.options import Json, MapPath, Panel, Strict, emit_json, opened_m
 from raymap.model.doubt import FOOTNOTE, marked, with_doubts, with_error
 
 if TYPE_CHECKING:
+    from query.answers.reports.histograms import PathNumbers
     from raymap.file.reader import RayMap
 
 __all__ = ["register"]
@@ -146,6 +147,14 @@ def paths(
     peak: Annotated[
         str | None, typer.Option(help="Show each path's brightest cell on this detector.")
     ] = None,
+    column: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--column",
+            help='Mean and spread of a number of the rays: time, length, incidence(hit("L1")), …; '
+            "repeatable.",
+        ),
+    ] = None,
     min_rays: Annotated[
         int, typer.Option(min=1, help="Paths of fewer rays go to the remainder.")
     ] = 1,
@@ -189,12 +198,31 @@ def paths(
             min_rays=min_rays,
             min_share=min_share,
         )
+        numbers = []
+        if column:
+            from query.answers.reports.histograms import path_numbers
+
+            numbers = [
+                path_numbers(ray_map, text, asked, by=by, threads=threads) for text in column
+            ]
         if json:
-            emit_json(table.to_json(top))
+            emit_json(_with_numbers(table.to_json(top), numbers))
             return
         from query.cli.terminal import print_paths
 
-        print_paths(table, top)
+        print_paths(table, top, numbers)
+
+
+def _with_numbers(rows: list[dict[str, Any]], numbers: list[PathNumbers]) -> list[dict[str, Any]]:
+    """JSON rows of a path table with columns of numbers, null where no ray of a path has any."""
+    for row in rows if numbers else ():
+        row["columns"] = {
+            each.quantity: {**each.of[row["path"]]._asdict(), "unit": each.unit}
+            if row["path"] in each.of
+            else None
+            for each in numbers
+        }
+    return rows
 
 
 def report(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from typing import Any
 
 from rich.console import Console
@@ -10,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from query.answers.paths.tables import PathTable
+from query.answers.reports.histograms import PathNumbers
 from query.answers.selections.selection import Selection
 from raymap.cli.terminal import console as make_console
 from raymap.model.doubt import FOOTNOTE, is_doubtful, marked
@@ -62,7 +64,7 @@ def print_selection(selection: Selection, show_rays: bool) -> None:
         console.print(f"rays {shown}{' …' if len(ids) > 40 else ''}", soft_wrap=True)
 
 
-def print_paths(table: PathTable, top: int | None) -> None:
+def print_paths(table: PathTable, top: int | None, numbers: Sequence[PathNumbers] = ()) -> None:
     """The path table, strongest first; a sentence where no ray is in it."""
     if not any(row.rays for row in table.rows(top)):
         _console().print("no paths: no ray of the map satisfies what was asked")
@@ -75,6 +77,10 @@ def print_paths(table: PathTable, top: int | None) -> None:
     with_peak = table._peaks is not None
     if with_peak:
         view.add_column("peak cell", no_wrap=True)
+    for each in numbers:
+        unit_of = f" [{each.unit}]" if each.unit else ""
+        view.add_column(Text(f"{each.quantity}{unit_of}"), no_wrap=True)
+        view.add_column("spread", no_wrap=True)
     view.add_column("path", overflow="fold")
     for number, row in enumerate(table.rows(top), 1):
         cells = [
@@ -86,10 +92,21 @@ def print_paths(table: PathTable, top: int | None) -> None:
         ]
         if with_peak:
             cells.append("" if row.peak is None else f"{row.peak[0]}, {row.peak[1]}")
+        for each in numbers:
+            own = each.of.get(row.path)
+            cells += ["", ""] if own is None else [
+                f"{own.mean:.7g} ± {own.mean_se:.2g}", f"{own.spread:.3g}"
+            ]  # fmt: skip
         view.add_row(*cells, Text(_shorter(row.path)))
         if is_doubtful(row.flux, row.flux_se):
             view.caption = Text(FOOTNOTE)
     _console().print(view)
+    for each in numbers:
+        if each.undefined:
+            why = f": {each.reason}" if each.reason else ""
+            _console().print(
+                f"{each.quantity}: {each.undefined:,} rays have no such number{why}", markup=False
+            )
 
 
 def _shorter(path: str) -> str:

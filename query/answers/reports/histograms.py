@@ -36,7 +36,17 @@ from raymap.optics.fluxes import variances
 if TYPE_CHECKING:
     from raymap.file.reader import RayMap
 
-__all__ = ["QUANTILES", "Bin", "By", "Histogram", "Series", "histogram"]
+__all__ = [
+    "QUANTILES",
+    "Bin",
+    "By",
+    "Histogram",
+    "Moments",
+    "PathNumbers",
+    "Series",
+    "histogram",
+    "path_numbers",
+]
 
 By = Literal["path", "source", "object", "wavelength"]
 Floats = NDArray[np.float64]
@@ -177,6 +187,110 @@ def histogram(
     if bins < 1:
         raise RayMapError(f"a histogram has 1 bin or more, not {bins}")
     labels = _Labels(map, by)
+    whole, undefined, emitted = _gathered(read, labels, criterion, threads, cancel)
+    edges = _edges(whole.value, bins, bounds, log)
+    factors = _factors(map, emitted)
+    return Histogram(
+        quantity=_shown(quantity),
+        unit=read.unit,
+        flux_unit=map.directory.flux_unit,
+        undefined=undefined,
+        reason=read.reason,
+        by=by,
+        series=tuple(_series(whole, labels, edges, factors, emitted)),
+    )
+
+
+class Moments(NamedTuple):
+    """A number of the rays of a path, weighed by their flux.
+
+    Attributes
+    ----------
+    mean, mean_se : and its standard error
+    spread : standard deviation
+    samples : how many numbers
+    """
+
+    mean: float
+    mean_se: float
+    spread: float
+    samples: int
+
+
+class PathNumbers(NamedTuple):
+    """A number by path.
+
+    Attributes
+    ----------
+    quantity, unit : as asked, and what it is in
+    undefined, reason : rays of the criterion without such a number, and why, where that is known
+    of : moments by the text of the path; of paths whose rays have such a number
+    """
+
+    quantity: str
+    unit: str
+    undefined: int
+    reason: str
+    of: dict[str, Moments]
+
+
+@asked_again
+def path_numbers(
+    map: RayMap,
+    quantity: str | Quantity,
+    criterion: object = None,
+    *,
+    by: Literal["face", "object"] = "face",
+    threads: int | None = None,
+    cancel: Cancel = None,
+) -> PathNumbers:
+    """A number of the rays of each path, as a column for the path table.
+
+    Parameters
+    ----------
+    quantity : as of `histogram`
+    by : how the path table tells paths apart
+
+    Raises
+    ------
+    UnknownName, CriterionError, RayMapError
+    """
+    read = _reader(map, quantity)
+    if read.map is not map:
+        raise RayMapError(
+            f"{_shown(quantity)}: paths of the table do not know this place; ask "
+            "raymap histogram --by path, or a view of the map (query.with_detectors)"
+        )
+    labels = _Labels(map, "path", by)
+    whole, undefined, emitted = _gathered(read, labels, criterion, threads, cancel)
+    names, n = list(labels.names), len(labels.names)
+    flux = whole.flux * _factors(map, emitted)[whole.source] if n else whole.flux
+    total = np.maximum(np.bincount(whole.label, flux, n), np.finfo(float).tiny)
+    share = flux / total[whole.label]
+    mean = np.bincount(whole.label, share * whole.value, n)
+    off = whole.value - mean[whole.label]
+    square = np.bincount(whole.label, share * off**2, n)
+    error = np.sqrt(squares_by_emission(whole.label, share * off, whole.emission, n))
+    count = np.bincount(whole.label, minlength=n)
+    rows = zip(mean.tolist(), error.tolist(), np.sqrt(square).tolist(), count.tolist(), strict=True)
+    return PathNumbers(
+        quantity=_shown(quantity),
+        unit=read.unit,
+        undefined=undefined,
+        reason=read.reason,
+        of={name: Moments(*row) for name, row in zip(names, rows, strict=True) if row[3]},
+    )
+
+
+def _shown(quantity: str | Quantity) -> str:
+    return (quantity if isinstance(quantity, str) else str(quantity)).strip()
+
+
+def _gathered(
+    read: _Reader, labels: _Labels, criterion: object, threads: int | None, cancel: Cancel
+) -> tuple[_Samples, int, Ints]:
+    """All numbers, how many rays have none, and the rays that count as emitted."""
+    map = read.map
     parts: list[_Samples] = []
     undefined = 0
 
@@ -197,20 +311,7 @@ def histogram(
         map, bind_all(map, [criterion]), visit=visit, take=take, threads=threads, cancel=cancel
     )
     scan.run()
-    emitted = scan.emitted if scan.complete else map.emitted
-    whole = _joined(parts)
-    edges = _edges(whole.value, bins, bounds, log)
-    shown = quantity if isinstance(quantity, str) else str(quantity)
-    factors = _factors(map, emitted)
-    return Histogram(
-        quantity=shown.strip(),
-        unit=read.unit,
-        flux_unit=map.directory.flux_unit,
-        undefined=undefined,
-        reason=read.reason,
-        by=by,
-        series=tuple(_series(whole, labels, edges, factors, emitted)),
-    )
+    return _joined(parts), undefined, scan.emitted if scan.complete else map.emitted
 
 
 # -- what is read -------------------------------------------------------------------------------
@@ -351,8 +452,8 @@ def _samples(
 class _Labels:
     """What tells series apart."""
 
-    def __init__(self, map: RayMap, by: By | None) -> None:
-        self.map, self.by = map, by
+    def __init__(self, map: RayMap, by: By | None, told: str = "face") -> None:
+        self.map, self.by, self.told = map, by, told
         self.names: dict[str, int] = {}
         self._words = PathNames(map.directory)
 
@@ -371,7 +472,7 @@ class _Labels:
             last = base.object[base.offsets[1:] - 1].astype(np.int64)
             return np.where(last < 0, len(names) - 1, last)[path], names
         rows, own = np.unique(path, return_inverse=True)
-        texts = [path_text(base, int(row), self._words, "face") for row in rows]
+        texts = [path_text(base, int(row), self._words, self.told) for row in rows]
         return own.ravel().astype(np.int64), texts
 
     def global_of(self, names: list[str]) -> NDArray[np.int64]:

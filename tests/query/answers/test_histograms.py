@@ -257,3 +257,54 @@ def test_the_command_prints_what_python_says(base: Any) -> None:
     ]
     printed = CliRunner().invoke(application(), [*command, "--cumulative"]).stdout
     assert "100.0%" in printed
+
+
+def test_columns_of_the_path_table_are_times_of_echoes(tmp_path: Any) -> None:
+    """Light that is reflected twice within a plate comes later by a way there and back."""
+    text = SLAB.replace("WAVELENGTHS", "905").replace("reflectance = 0.0", "reflectance = 0.3")
+    with traced(tmp_path / "a.raymap", text, 1, rays=4_000) as ray_map:
+        asked = 'detected("end")'
+        found = query.path_numbers(ray_map, "time", asked)
+        way = query.path_numbers(ray_map, "length", asked, by="object")
+        rows = query.path_table(ray_map, asked).rows(50)
+        command = ["paths", str(ray_map.path), asked, "--column", "time", "--column", "length"]
+        told = json.loads(CliRunner().invoke(application(), [*command, "--json"]).stdout)
+        shown = CliRunner().invoke(application(), command).stdout
+    assert (found.unit, found.undefined) == ("ps", 0)
+    c = 0.299792458
+    inside = [2.0 * 1.7 * 4.0 / c, 2.0 * group_index_of_bk7(905.0) * 10.0 / c]
+    direct = (50.0 - 14.0 + 1.7 * 4.0 + group_index_of_bk7(905.0) * 10.0) / c
+    seen = 0
+    for row in rows[:-1]:
+        # Each plate that light is reflected twice in, and nowhere else
+        plates = [row.path.count(f"{name}.z_min:specular_reflection") for name in ("plate", "slab")]
+        back = [row.path.count(f"{name}.z_max:specular_reflection") for name in ("plate", "slab")]
+        if plates != back or row.reflections != 2 * sum(plates) or max(plates) > 1:
+            continue
+        if sum(plates) == 2:
+            # In both, or once between them
+            continue
+        seen += 1
+        own = found.of[row.path]
+        later = sum(n * each for n, each in zip(plates, inside, strict=True))
+        assert own.mean == pytest.approx(direct + later, rel=1e-6)
+        assert own.samples == row.rays
+        assert own.spread == pytest.approx(0.0, abs=1e-3)
+    assert seen == 3
+    assert set(found.of) == {row.path for row in rows[:-1]}
+    assert sum(each.samples for each in way.of.values()) == sum(row.rays for row in rows)
+    assert told[0]["columns"]["time"]["mean"] == pytest.approx(found.of[told[0]["path"]].mean)
+    assert told[-1]["columns"] == {"time": None, "length": None}
+    assert "time [ps]" in shown
+
+
+def test_columns_have_the_means_and_errors_of_series(base: Any) -> None:
+    for quantity in ("length", 'incidence(hit("plate"))'):
+        found = query.path_numbers(base, quantity, CRITERION)
+        for series in query.histogram(base, quantity, CRITERION, by="path").series[:5]:
+            own = found.of[series.name]
+            assert own.samples == series.count
+            for name in ("mean", "mean_se", "spread"):
+                assert getattr(own, name) == pytest.approx(getattr(series, name), rel=1e-9)
+    with pytest.raises(RayMapError, match="with_detectors"):
+        query.path_numbers(base, 'u("plane(z=10, size=[9, 9])")', CRITERION)
