@@ -266,7 +266,7 @@ def test_columns_of_the_path_table_are_times_of_echoes(tmp_path: Any) -> None:
         asked = 'detected("end")'
         found = query.path_numbers(ray_map, "time", asked)
         way = query.path_numbers(ray_map, "length", asked, by="object")
-        rows = query.path_table(ray_map, asked).rows(50)
+        rows = query.path_table(ray_map, asked).rows(10_000)
         command = ["paths", str(ray_map.path), asked, "--column", "time", "--column", "length"]
         told = json.loads(CliRunner().invoke(application(), [*command, "--json"]).stdout)
         shown = CliRunner().invoke(application(), command).stdout
