@@ -1,9 +1,9 @@
 """Scenes of three things at once, drawn by chance: ways of following light check each other.
 
 One or two elements stand behind one another in the light of a source and are seen by a detector.
-Natural light is followed analog, weighted and split, polarised light plain, weighted and split:
-all of one light must see the same flux within their errors. Natural and polarised light differ, as
-they should, where light meets faces aslant.
+Natural light is followed analog, weighted and split, polarised light in the same ways and beside a
+crystal: all of one light must see the same flux within their errors. Natural and polarised light
+differ, as they should, where light meets faces aslant.
 """
 
 from __future__ import annotations
@@ -24,8 +24,16 @@ _SURE = 0.2
 
 WAYS = {
     "natural": ("analog", "weighted", "splitting"),
-    "polarised": ("polarised", "polarised, weighted", "polarised, splitting"),
+    "polarised": (
+        "polarised",
+        "polarised, weighted",
+        "polarised, splitting",
+        "crystals",
+        "crystals, weighted",
+    ),
 }
+_NO_PINHOLE = ("crystals", "crystals, weighted")
+"""Ways of polarised light that refuse pinholes."""
 
 
 def _solid(surface: str = "", medium: str = "glass") -> str:
@@ -153,7 +161,10 @@ def drawn(seed: int) -> Combination:
 def judged(combination: Combination, rays: int) -> tuple[int, list[str]]:
     """Pairs of ways whose fluxes decide something, and those that disagree, in words."""
     decided, wrong = 0, []
-    for light, modes in WAYS.items():
+    for light, ways in WAYS.items():
+        modes = ways
+        if combination.detector == "pinhole":
+            modes = tuple(mode for mode in ways if mode not in _NO_PINHOLE)
         fluxes = {
             mode: counted(combination.text, "seen", mode=mode, seed=3 + k, rays=rays)
             for k, mode in enumerate(modes)

@@ -17,7 +17,7 @@ from raymap.model.errors import RayMapError
 from tests.composition.features import FEATURES, Feature, write_files
 from tracer import record
 
-__all__ = ["MODES", "Cell", "apart", "counted", "filled", "page", "tried"]
+__all__ = ["MODES", "Cell", "apart", "counted", "filled", "page", "signs", "tried"]
 
 RAYS = 6000
 _AGREE, _DIFFER = 4.5, 6.0
@@ -80,11 +80,12 @@ def apart(a: tuple[float, float], b: tuple[float, float]) -> float:
     return abs(a[0] - b[0]) / max(math.hypot(a[1], b[1]), 1e-6)
 
 
-def tried(name: str, mode: str) -> Cell:
-    """Try a pair."""
+def tried(name: str, mode: str, *, forgotten: bool = False) -> Cell:
+    """Try a pair; a way of following light that has ``forgotten`` the feature must not pass."""
     feature: Feature = FEATURES[name]
+    followed = feature.off if forgotten else feature.on
     try:
-        found = counted(feature.on, feature.detector, mode=mode, seed=2)
+        found = counted(followed, feature.detector, mode=mode, seed=2)
     except RayMapError as error:
         line = str(error).partition("scene.toml: ")[2] or str(error)
         return Cell("refused", line)
@@ -97,8 +98,8 @@ def tried(name: str, mode: str) -> Cell:
     return Cell("works")
 
 
-def page(table: dict[str, dict[str, Cell]]) -> str:
-    """The rows of the page, and below them what is refused and why.
+def signs(table: dict[str, dict[str, Cell]]) -> str:
+    """A row for each name, a column for each way of following light.
 
     Raises
     ------
@@ -106,18 +107,24 @@ def page(table: dict[str, dict[str, Cell]]) -> str:
         a pair that neither works nor is refused
     """
     lines = ["| |" + "".join(f" {mode} |" for mode in MODES), "|---|" + "---|" * len(MODES)]
-    refused: dict[str, list[str]] = {}
     for name, row in table.items():
-        signs = []
         for mode, cell in row.items():
             assert cell.state in ("works", "refused"), (name, mode, cell)
+        found = ("yes" if cell.state == "works" else "–" for cell in row.values())
+        lines.append(f"| {name} |" + "".join(f" {sign} |" for sign in found))
+    return "\n".join(lines) + "\n"
+
+
+def page(table: dict[str, dict[str, Cell]]) -> str:
+    """The rows of the page, and below them what is refused and why."""
+    refused: dict[str, list[str]] = {}
+    for name, row in table.items():
+        for mode, cell in row.items():
             if cell.state == "refused":
                 refused.setdefault(cell.line, []).append(f"{name} ({mode})")
-            signs.append("yes" if cell.state == "works" else "–")
-        lines.append(f"| {name} |" + "".join(f" {sign} |" for sign in signs))
-    lines += ["", "What is refused, in the words that say so:", ""]
+    lines = ["", "What is refused, in the words that say so:", ""]
     lines += [f"- `{line}`: {', '.join(pairs)}" for line, pairs in refused.items()]
-    return "\n".join(lines) + "\n"
+    return signs(table) + "\n".join(lines) + "\n"
 
 
 def filled() -> dict[str, dict[str, Cell]]:

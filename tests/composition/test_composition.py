@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from tests.composition.__main__ import MARKS, PAGE
+from tests.composition.__main__ import MARKS, PAGE, RUNS, part, running
 from tests.composition.features import FEATURES
+from tests.composition.running import RUNNING, ran
 from tests.composition.table import MODES, filled, page, tried
 
 _SHORT = [
@@ -20,9 +21,9 @@ _SHORT = [
 ]
 
 
-def _rows() -> dict[str, dict[str, str]]:
-    """Signs of the page by feature and way."""
-    text = PAGE.read_text(encoding="utf-8").partition(MARKS[0])[2].partition(MARKS[1])[0]
+def _rows(mark: str = MARKS[0]) -> dict[str, dict[str, str]]:
+    """Signs of a table of the page by feature, or way of running, and way of following light."""
+    text = part(PAGE.read_text(encoding="utf-8"), mark)
     head, _, *rows = [line for line in text.splitlines() if line.startswith("|")]
     modes = [cell.strip() for cell in head.split("|")[2:-1]]
     found = {}
@@ -33,8 +34,8 @@ def _rows() -> dict[str, dict[str, str]]:
 
 
 def test_the_page_has_every_pair() -> None:
-    rows = _rows()
-    assert list(rows) == list(FEATURES)
+    rows = _rows() | _rows(RUNS)
+    assert list(rows) == [*FEATURES, *RUNNING]
     for name, row in rows.items():
         assert list(row) == list(MODES), name
         assert set(row.values()) <= {"yes", "–"}, name
@@ -69,7 +70,39 @@ def test_a_feature_that_does_nothing_is_seen(monkeypatch: pytest.MonkeyPatch) ->
     assert tried("filter", "analog").state == "idle"
 
 
+@pytest.mark.parametrize(("name", "mode"), [("metal", "weighted"), ("filter", "polarised")])
+def test_a_forgotten_feature_is_seen(name: str, mode: str) -> None:
+    assert tried(name, mode, forgotten=True).state in ("differs", "idle")
+
+
+@pytest.mark.parametrize(
+    ("name", "mode"),
+    [
+        ("continued map", "polarised, weighted"),
+        ("folder of maps", "splitting"),
+        ("time limit", "weighted"),
+        ("stopped by Ctrl-C", "polarised"),
+    ],
+)
+def test_a_way_of_running_works_as_the_page_says(name: str, mode: str) -> None:
+    assert ran(name, mode).state == "works"
+    assert _rows(RUNS)[name][mode] == "yes"
+
+
 @pytest.mark.slow
 def test_the_whole_table() -> None:
-    text = PAGE.read_text(encoding="utf-8")
-    assert page(filled()) == text.partition(MARKS[0])[2].partition(MARKS[1])[0]
+    assert page(filled()) == part(PAGE.read_text(encoding="utf-8"), MARKS[0])
+
+
+@pytest.mark.slow
+def test_the_whole_table_of_running() -> None:
+    assert running() == part(PAGE.read_text(encoding="utf-8"), RUNS)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", MODES)
+def test_each_working_pair_has_a_mutant(mode: str) -> None:
+    """A way of following light that forgets the feature turns its cell red."""
+    for name, row in _rows().items():
+        if row[mode] == "yes":
+            assert tried(name, mode, forgotten=True).state in ("differs", "idle"), (name, mode)
