@@ -42,10 +42,12 @@ def install(site: Path, points: dict[str, dict[str, str]] | None = None) -> Path
     return site
 
 
-def run(site: Path, *command: str, folder: Path | None = None) -> subprocess.CompletedProcess[str]:
-    """A command of Python with the distribution installed."""
+def run(
+    site: Path, *command: str, folder: Path | None = None, given: str = ""
+) -> subprocess.CompletedProcess[str]:
+    """A command of Python with the distribution installed; ``given`` is its standard input."""
     path = os.pathsep.join((str(ROOT), str(site)))
     return subprocess.run(
         [sys.executable, *command], cwd=folder or site, env=os.environ | {"PYTHONPATH": path},
-        capture_output=True, text=True, check=False,
+        capture_output=True, text=True, check=False, input=given,
     )  # fmt: skip

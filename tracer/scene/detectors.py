@@ -24,6 +24,7 @@ from tracer.compiled import (
     VIEW_ROW,
     Views,
 )
+from tracer.description.asking import asking
 from tracer.detectors.detector import ViewDetector
 from tracer.detectors.linking import detector_number
 from tracer.detectors.model import DetectorModel
@@ -133,6 +134,14 @@ class DetectorTable:
         """A detector of a kind of another distribution."""
         if model.cells is None:
             raise self.fail(f"{name}.cells", "is missing")
+        if model.register is None:
+            raise self.fail(name, f"its kind, of {type(model).__module__}, says no `register`")
+        with asking(model, f"{self.scene.origin}: detectors.{name}"):
+            return self._asked(name, model, model.cells, k, views)
+
+    def _asked(
+        self, name: str, model: ViewDetector, cells: tuple[int, int], k: int, views: Views
+    ) -> Detector:
         u, v, axis = model.axes()
         views.kind[k] = VIEW_BY_KIND
         view = views.numbers[k]
@@ -142,7 +151,7 @@ class DetectorTable:
         return Detector(
             name=name,
             kind=model.stored,
-            cells=model.cells,
+            cells=cells,
             center=model.center(),
             axis_u=tuple(u.tolist()),
             axis_v=tuple(v.tolist()),

@@ -16,6 +16,7 @@ from raymap.model.names import nearest_names
 from tracer.bodies.body import Body, FacePlan
 from tracer.bodies.lens import LensBody
 from tracer.bodies.mesh import MeshBody
+from tracer.description.asking import asking
 from tracer.detectors.model import DetectorModel
 from tracer.geometry.mesh import TriangleMesh
 from tracer.geometry.other_shapes import OtherShape, check_shape
@@ -142,7 +143,10 @@ class FaceTable:
                 self._add_detector(name, number, shape, detector.surface or "absorber")
 
     def _add_body(self, name: str, body: Body, back_partner: str | None) -> None:
-        plans = body.plan()
+        with asking(body, f"{self.scene.origin}: bodies.{name}"):
+            plans = list(body.plan())
+            if not plans or not all(isinstance(plan, FacePlan) for plan in plans):
+                raise TypeError("plan() is no list of FacePlan")
         for plan in plans:
             for shape in plan.shapes:
                 if isinstance(shape, OtherShape):

@@ -14,6 +14,7 @@ from raymap.laws.phase import PHASE_ROW, PhaseLaw
 from raymap.model.directory import Medium
 from raymap.model.errors import RayMapError, SceneError
 from raymap.model.names import nearest_names
+from tracer.description.asking import asking
 from tracer.media.keys.glass import catalogue_glass
 from tracer.media.keys.key import MEDIUM_KEYS, At
 from tracer.media.model import MediumModel, medium_model
@@ -186,9 +187,9 @@ def _index(model: MediumModel, wavelengths_nm: Array, place: str) -> Array:
     at = At(wavelengths_nm=np.asarray(wavelengths_nm, np.float64), length_unit="mm", place=place)
     formula = MEDIUM_KEYS[model.formula]
     assert formula.index is not None
-    values = np.broadcast_to(
-        np.asarray(formula.index(model.key(formula.word), at), np.float64), at.wavelengths_nm.shape
-    )
+    with asking(formula.index, place):
+        found = np.asarray(formula.index(model.key(formula.word), at), np.float64)
+        values = np.broadcast_to(found, at.wavelengths_nm.shape)
     wrong = ~(np.isfinite(values) & (values > 0.0))
     if np.any(wrong):
         raise SceneError(
@@ -237,7 +238,8 @@ def absorption_coefficient(model: MediumModel, at: At) -> Array:
     values = np.zeros(at.wavelengths_nm.shape)
     for key in sorted(saying, key=lambda key: key.index is None):
         assert key.absorption is not None
-        values = np.asarray(key.absorption(model.key(key.word), at), np.float64)
+        with asking(key.absorption, at.place):
+            values = np.asarray(key.absorption(model.key(key.word), at), np.float64)
         values = np.broadcast_to(values, at.wavelengths_nm.shape).copy()
         if np.any(np.isnan(values)) or values.min() < 0.0:
             raise SceneError(f"{at.place}.{key.word}: absorption must not be negative")

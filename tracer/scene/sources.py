@@ -41,6 +41,7 @@ from tracer.compiled import (
     WORD_FEW,
     WORD_MANY,
 )
+from tracer.description.asking import asking
 from tracer.description.channels import RGB_NM
 from tracer.description.fields import ByWavelength
 from tracer.light import IntensityGrid, Opening, RayList
@@ -51,7 +52,7 @@ from tracer.sources.emission import deal_rays
 from tracer.sources.light_pool import LightPool, PooledList, length_in
 from tracer.sources.linking import source_number
 from tracer.sources.model import SourceModel
-from tracer.sources.source import Source
+from tracer.sources.source import Source, check_emission
 from tracer.sources.spectra import SpectrumModel, convert_flux, source_shares
 
 __all__ = ["CompiledSources", "SourceTable"]
@@ -202,8 +203,14 @@ class SourceTable:
         row[0:3], row[3:6], row[6:9], row[9:12] = origin, frame[:, 2], frame[:, 0], frame[:, 1]
         row[15:18] = frame[:, 2]
         if not isinstance(model, SourceModel):
+            if model.law is None:
+                raise self.fail(name, f"its kind, of {type(model).__module__}, says no `law`")
             row[18:21] = frame[:, 2]
-            row[21] = pool.add_own(model.own())
+            place = f"{self.scene.origin}: sources.{name}"
+            with asking(model, place):
+                own = np.array(model.own(), np.float64).reshape(-1)
+                check_emission(model.law, own, self._half_size(model), place)
+            row[21] = pool.add_own(own.tolist())
             return FROM_KIND, UNIFORM_CONE
         row[14] = model.cone_cosine()
         light = self.light[k]
@@ -273,6 +280,12 @@ class SourceTable:
             return light.opening[0] * scale, light.opening[1] * scale
         return light.opening * scale
 
+    def _half_size(self, model: Source) -> Array:
+        half = np.array(model.half_size(), np.float64)
+        if half.shape != (3,) or not (half >= 0.0).all():
+            raise TypeError(f"half_size() is {model.half_size()!r}, not three lengths")
+        return half
+
     def _box(self, k: int, model: Source) -> Box:
         origin, frame = model.frame()
         beam = frame[:, 2] if model.kind == "collimated" else np.zeros(3)
@@ -284,7 +297,7 @@ class SourceTable:
             return origin + low - margin, origin + high + margin, beam
         opening = self._opening(model, light)
         if not isinstance(model, SourceModel):
-            reach = np.abs(frame) @ np.array(model.half_size())
+            reach = np.abs(frame) @ self._half_size(model)
         elif isinstance(opening, Opening):
             reach = np.abs(frame) @ (np.array(opening.size) / 2.0)
         elif isinstance(opening, tuple):

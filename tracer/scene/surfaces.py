@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from raymap.laws.law import Law
 from tracer.compiled import S_AIMED, S_COLUMNS, S_KIND, S_MODEL, SURFACE_ROW
+from tracer.description.asking import asking
 from tracer.scene.media import MediumTable
 from tracer.surfaces.linking import number_of
 from tracer.surfaces.surface import Surface, SurfaceRow, TablePool
@@ -39,9 +40,10 @@ def compile_surfaces(
         SurfaceRow(name, origin, wavelengths_nm, pool, media.index, media.number)
         for name, _ in surfaces
     ]
-    for row, (_, surface) in zip(rows, surfaces, strict=True):
+    for row, (name, surface) in zip(rows, surfaces, strict=True):
         row.integers[S_KIND] = number_of(type(surface))
-        surface.compile(row)
+        with asking(surface, f"{origin}: surfaces.{name}"):
+            surface.compile(row)
         row.integers[S_AIMED] = surface.aimed_sides()
         if surface.law is not None:
             row.integers[S_MODEL] = int(surface.law.diffuse)

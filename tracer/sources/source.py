@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator, Discriminator, Field, Tag
 
 from raymap.jit.compiling import Door
+from raymap.model.errors import SceneError
 from tracer.description.fields import ByWavelength, Placed, Positive, Vector, is_direction
 from tracer.sources.spectra import SpectrumModel
 
-__all__ = ["EMIT", "EMITS_TOWARDS", "Source", "SourceLaw"]
+__all__ = ["EMIT", "EMITS_TOWARDS", "Source", "SourceLaw", "check_emission"]
 
 Array = NDArray[np.float64]
 
@@ -38,6 +39,37 @@ class SourceLaw:
 
     emit: Any
     towards: Any = None
+
+
+def check_emission(law: SourceLaw, own: Array, half_size: Array, place: str) -> None:
+    """Refuse a law that emits no unit vectors, or from outside the box that it says.
+
+    Parameters
+    ----------
+    own, half_size : what its kind says of the source
+    place : in the scene, for messages
+
+    Raises
+    ------
+    SceneError
+    """
+    emit = law.emit.py_func
+    for uniform in np.random.default_rng(0).random((64, 5)):
+        drawn = np.array(emit(own, *uniform), np.float64)
+        if drawn.shape != (6,):
+            raise SceneError(
+                f"{place}: its law emits {len(drawn)} numbers, not place and direction"
+            )
+        start, way = drawn[:3], drawn[3:]
+        if not abs(way @ way - 1.0) <= 1e-6:
+            raise SceneError(
+                f"{place}: its law emits into ({way[0]:g}, {way[1]:g}, {way[2]:g}), no unit vector"
+            )
+        if not (np.abs(start) <= half_size * (1.0 + 1e-6) + 1e-9).all():
+            raise SceneError(
+                f"{place}: its law emits from ({start[0]:g}, {start[1]:g}, {start[2]:g}), outside "
+                f"its half_size() of ({half_size[0]:g}, {half_size[1]:g}, {half_size[2]:g})"
+            )
 
 
 def _as_spectrum(value: Any) -> Any:

@@ -13,6 +13,7 @@ from raymap.laws.phase import PhaseLaw
 from raymap.model.errors import SceneError
 from raymap.model.registry import Registry
 from raymap.model.unfinished import Unfinished
+from tracer.description.asking import asking
 from tracer.description.fields import Node
 
 __all__ = ["MOST_ANGLES", "PHASES", "Phase", "tabulated_law"]
@@ -121,7 +122,8 @@ def tabulated_law(phase: Phase) -> PhaseLaw:
 
 def _values(phase: Phase, angle_deg: Array) -> Array:
     mu = np.cos(np.radians(angle_deg))
-    values = np.broadcast_to(np.asarray(phase.density(mu), np.float64), mu.shape)
+    with asking(phase, "phase.kind"):
+        values = np.broadcast_to(np.asarray(phase.density(mu), np.float64), mu.shape)
     wrong = ~(np.isfinite(values) & (values >= 0.0))
     if np.any(wrong):
         raise SceneError(
