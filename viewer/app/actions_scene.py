@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import threading
 from typing import Any
 
 from viewer.app.core import LOOK, RAY_STEPS, Core
 from viewer.app.session import MOST_PIXELS_ACROSS
 from viewer.drawn.state import Camera, Clip, StateError, read_camera
+from viewer.paint.interrupt import Interrupted
 from viewer.panels.scene import section_fields, section_of
 
 __all__ = ["SceneActions", "sight_of"]
@@ -14,6 +16,9 @@ __all__ = ["SceneActions", "sight_of"]
 
 class SceneActions(Core):
     """The mouse in the scene, and the controls beside it."""
+
+    hurried = threading.Event()
+    """Gives up the picture that was asked for last."""
 
     def _take_look(self) -> None:
         if not self.quiet and self.change(**{name: self.page[name] for name in LOOK}):
@@ -50,11 +55,22 @@ class SceneActions(Core):
             )  # fmt: skip
         coarse = bool(request.get("coarse"))
         ratio = min(2.0, max(0.5, float(request.get("ratio", 1))))
-        image = await self.paint(lambda: self.session.frame(width, height, ratio, coarse=coarse))
+        self.hurried = hurried = threading.Event()
+        size = (width, height, ratio)
+        try:
+            image = await self.paint(
+                lambda: self.session.frame(*size, coarse=coarse, cancel=hurried.is_set)
+            )
+        except Interrupted:
+            return {"image": None, "coarse": coarse}
         if not coarse:
             with self.page:
                 self.settled()
         return {"image": image, "type": "image/jpeg", "coarse": coarse}
+
+    def hurry(self) -> None:
+        """Give up the picture that is being painted: its page wants another one."""
+        self.hurried.set()
 
     async def scene(self, request: dict[str, Any]) -> dict[str, Any]:
         """The parts of the scene that a page holds another revision of, or none."""

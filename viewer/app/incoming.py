@@ -7,6 +7,7 @@ values that do not fit are refused with one line, and the page gets back what ho
 
 from __future__ import annotations
 
+import asyncio
 import math
 from collections.abc import Callable, Mapping
 from functools import cache
@@ -25,6 +26,9 @@ MOST_BYTES = 2**21
 """Of one message; a saved session has up to 2²⁰."""
 
 _MOST_PENDING = 4
+_MOST_PAINTING = 4
+"""Pictures that are painted while further calls are taken."""
+
 _MOST_TEXT = 20_000
 _MOST_NODES = 256
 _MOST_DEPTH = 4
@@ -187,8 +191,6 @@ class Incoming:
 
 def _make_login(guard: Guard, close: Callable[[str], Any]) -> Any:
     """Lets in sockets whose request carried token or cookie, or that say the token."""
-    import asyncio
-
     from wslink.websocket import LinkProtocol
 
     class Login(LinkProtocol):  # type: ignore[misc]
@@ -236,16 +238,36 @@ def _make_unchunkers() -> dict[str, Any]:
 
 
 def _well_formed(take: Callable[[Any, str], Any]) -> Callable[[Any, str], Any]:
-    """Passes over messages that are no calls."""
+    """Passes over messages that are no calls.
+
+    A socket's calls are answered one after the other, but for pictures: what comes behind one may
+    say that it is no longer wanted.
+    """
+    painting: set[asyncio.Task[Any]] = set()
+
+    def done(task: asyncio.Task[Any]) -> None:
+        painting.discard(task)
+        if not task.cancelled():
+            # A page that was closed meanwhile gets no answer
+            task.exception()
 
     async def check(message: Any, client_id: str) -> None:
         if not isinstance(message, dict):
             return
         texts = (message.get("id"), message.get("method"))
-        lists = isinstance(message.get("args", []), list)
+        arguments = message.get("args", [])
         tables = isinstance(message.get("kwargs", {}), dict)
-        if lists and tables and all(isinstance(text, str) and len(text) < 200 for text in texts):
-            message["kwargs"] = {}
+        if not (isinstance(arguments, list) and tables):
+            return
+        if not all(isinstance(text, str) and len(text) < 200 for text in texts):
+            return
+        message["kwargs"] = {}
+        picture = texts[1] == "trame.trigger" and arguments[:1] == ["rm_frame"]
+        if picture and len(painting) < _MOST_PAINTING:
+            task = asyncio.get_running_loop().create_task(take(message, client_id))
+            painting.add(task)
+            task.add_done_callback(done)
+        else:
             await take(message, client_id)
 
     return check

@@ -77,7 +77,8 @@ class Application(GestureActions, ResultActions):
     def _connect(self) -> None:
         """Hang the functions that the page calls on the server."""
         calls: dict[str, Callable[..., Any]] = {
-            "frame": self.frame, "scene": self.scene, "chunk": self.chunk, "eye": self.eye,
+            "frame": self.frame, "hurry": self.hurry,
+            "scene": self.scene, "chunk": self.chunk, "eye": self.eye,
             "pick": self.pick, "hover": self.hover, "camera": self.look,
             "criterion": self.set_criterion, "complete": self.complete, "cancel": self.cancel,
             "restore": self.restore, "load": self.load, "hello": self.hello,

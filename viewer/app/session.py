@@ -19,6 +19,7 @@ from viewer.drawn.camera import STANDARD_VIEWS, UPWARD, fit, orbit, pan, zoom
 from viewer.drawn.rays import DrawnRays, no_rays
 from viewer.drawn.scene import load_bodies, scene_box
 from viewer.drawn.state import Camera, ViewState, check_camera, read_camera
+from viewer.paint.interrupt import Cancel
 from viewer.paint.overlay import draw_legend
 from viewer.paint.painter import Colored, Painter, Shown
 from viewer.paint.rendering import encode_jpeg, encode_png
@@ -196,7 +197,9 @@ class Session:
 
     # -- pictures ------------------------------------------------------------------------------
 
-    def frame(self, width: int, height: int, ratio: float, *, coarse: bool) -> bytes:
+    def frame(
+        self, width: int, height: int, ratio: float, *, coarse: bool, cancel: Cancel | None = None
+    ) -> bytes:
         """The picture of the 3D panel as JPEG.
 
         Parameters
@@ -204,6 +207,12 @@ class Session:
         width, height : of the panel [pixels of the page]
         ratio : device pixels per pixel of the page
         coarse : quickly, while the camera moves
+        cancel : gives the picture up
+
+        Raises
+        ------
+        Interrupted
+            ``cancel`` became true.
         """
         state, shown = self.state, self.shown()
         camera = self.camera(width, height)
@@ -215,7 +224,7 @@ class Session:
         pixels = self.painter.paint(
             replace(state, width=max(0.6, state.width * scale)), shown, camera, *size,
             coarse=coarse, supersampling=1 if fine else 2,
-            chosen=self.chosen, point=state.point,
+            chosen=self.chosen, point=state.point, cancel=cancel,
         )  # fmt: skip
         return encode_jpeg(pixels, 70 if coarse else 92)
 

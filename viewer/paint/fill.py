@@ -15,8 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from raymap.jit.kernels import kernel
+from viewer.paint.interrupt import Cancel, pieces
 
 __all__ = ["OPAQUE", "fill_triangles"]
+
+TRIANGLES_AT_ONCE = 256
+"""Between two looks whether the picture is still wanted."""
 
 OPAQUE = 0.995
 """Above this opacity a triangle hides what is behind it."""
@@ -119,6 +123,7 @@ def fill_triangles(
     image: NDArray[np.float32],
     order: NDArray[np.int64] | None = None,
     threads: int | None = None,
+    cancel: Cancel | None = None,
 ) -> None:
     """Fill triangles: first the opaque ones by depth, then the others from back to front.
 
@@ -131,6 +136,11 @@ def fill_triangles(
     image : (height, width, 4) float32, premultiplied, drawn over in place
     order : (n,) triangles from back to front; None goes by the depth of their middles
     threads : bands of rows filled at the same time; None takes the processors
+    cancel : gives the picture up
+
+    Raises
+    ------
+    Interrupted
     """
     rows = depth.shape[0]
     n_bands = max(1, min(threads or os.cpu_count() or 1, rows // 64 or 1))
@@ -143,10 +153,10 @@ def fill_triangles(
         if len(rows_of) == 0:
             continue
         with ThreadPoolExecutor(n_bands) as pool:
-            for done in [
-                pool.submit(
-                    _fill_band, rows_of, corners, normals, rgba, opaque, depth, image, first, last
-                )
-                for first, last in itertools.pairwise(bounds)
-            ]:
-                done.result()
+            for part in pieces(len(rows_of), TRIANGLES_AT_ONCE, cancel):
+                given = (rows_of[part], corners, normals, rgba, opaque, depth, image)
+                for done in [
+                    pool.submit(_fill_band, *given, first, last)
+                    for first, last in itertools.pairwise(bounds)
+                ]:
+                    done.result()

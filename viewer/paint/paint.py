@@ -12,12 +12,16 @@ from viewer.drawn.bodies import Body, cut_triangles, silhouette
 from viewer.drawn.camera import eye, view_axes, view_matrix
 from viewer.drawn.state import Camera
 from viewer.paint.fill import OPAQUE, fill_triangles
+from viewer.paint.interrupt import Cancel, pieces
 from viewer.paint.raster import NEAR, draw_segments
 from viewer.paint.slabs import SLABS, cut_into_slabs, drawing_order
 
 __all__ = ["Layer", "finish", "paint_bodies", "paint_edges", "paint_rays"]
 
 Image = NDArray[np.float32]
+
+SEGMENTS_AT_ONCE = 16_384
+"""Between two looks whether the picture is still wanted: some 20 ms."""
 
 BACKGROUND = {
     True: ((0.075, 0.090, 0.115), (0.035, 0.043, 0.058)),
@@ -51,7 +55,13 @@ def _reach(bodies: Sequence[Body]) -> float:
 
 
 def paint_bodies(
-    bodies: Sequence[Body], camera: Camera, width: int, height: int, *, dark: bool
+    bodies: Sequence[Body],
+    camera: Camera,
+    width: int,
+    height: int,
+    *,
+    dark: bool,
+    cancel: Cancel | None = None,
 ) -> Layer:
     """Background and shaded bodies.
 
@@ -59,6 +69,11 @@ def paint_bodies(
     ----------
     bodies : as they are to be seen
     width, height : [pixels]
+    cancel : gives the picture up
+
+    Raises
+    ------
+    Interrupted
     """
     top, bottom = (np.array(color, np.float32) for color in BACKGROUND[dark])
     share = np.linspace(0, 1, height, dtype=np.float32)[:, None, None]
@@ -80,6 +95,7 @@ def paint_bodies(
             depth=depth,
             image=image,
             order=drawing_order(corners.mean(axis=1) @ forward, owners, bounds),
+            cancel=cancel,
         )
     # Rays that lie in an opaque surface are not hidden by it
     return Layer(image=image, depth=depth + np.float32(1e-4), matrix=matrix)
@@ -121,10 +137,25 @@ def _gather(
 
 
 def paint_rays(
-    layer: Layer, segments: NDArray[np.float32], rgba: NDArray[np.uint8], *, width: float
+    layer: Layer,
+    segments: NDArray[np.float32],
+    rgba: NDArray[np.uint8],
+    *,
+    width: float,
+    cancel: Cancel | None = None,
 ) -> None:
-    """Rays over the bodies, hidden by opaque ones."""
-    draw_segments(segments, rgba, layer.matrix, width=width, depth=layer.depth, image=layer.image)
+    """Rays over the bodies, hidden by opaque ones.
+
+    Raises
+    ------
+    Interrupted
+        ``cancel`` gives the picture up.
+    """
+    for part in pieces(len(segments), SEGMENTS_AT_ONCE, cancel):
+        draw_segments(
+            segments[part], rgba[part], layer.matrix,
+            width=width, depth=layer.depth, image=layer.image,
+        )  # fmt: skip
 
 
 def paint_edges(layer: Layer, bodies: Sequence[Body], camera: Camera, *, dark: bool) -> None:

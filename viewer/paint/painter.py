@@ -23,6 +23,7 @@ from viewer.drawn.lines import Lines, build_lines, cut_lines
 from viewer.drawn.rays import DrawnRays
 from viewer.drawn.scene import scene_box, visible_bodies
 from viewer.drawn.state import Camera, Clip, Section, Upward, ViewState
+from viewer.paint.interrupt import Cancel
 from viewer.paint.overlay import draw_names
 from viewer.paint.paint import Layer, finish, paint_bodies, paint_edges, paint_rays
 from viewer.paint.picking import pick_segment, pick_triangle
@@ -150,6 +151,7 @@ class Painter:
         coarse: bool = False,
         chosen: DrawnRays | None = None,
         point: int | None = None,
+        cancel: Cancel | None = None,
     ) -> NDArray[np.uint8]:
         """Paint the scene.
 
@@ -159,21 +161,27 @@ class Painter:
         supersampling : paints larger and averages
         coarse : fewer rays, for a camera in motion
         chosen : one ray to stand out, and the index of its marked ``point``
+        cancel : gives the picture up
 
         Returns
         -------
         (height, width, 3) uint8
+
+        Raises
+        ------
+        Interrupted
+            ``cancel`` became true.
         """
         bodies = self.visible(state)
         fine = (width * supersampling, height * supersampling)
-        layer = self._layer(state, bodies, camera, *fine, keep=not coarse).copy()
+        layer = self._layer(state, bodies, camera, *fine, keep=not coarse, cancel=cancel).copy()
         segments, rgba = shown.lines.segments, shown.rgba
         if coarse and len(segments) > COARSE_SEGMENTS:
             # Whole rays, every k-th, more opaque in exchange
             every = -(-len(segments) // COARSE_SEGMENTS)
             kept = shown.lines.ray % every == 0
             segments, rgba = segments[kept], rgba[kept]
-        paint_rays(layer, segments, rgba, width=state.width * supersampling)
+        paint_rays(layer, segments, rgba, width=state.width * supersampling, cancel=cancel)
         paint_edges(layer, bodies, camera, dark=state.dark)
         if chosen is not None and chosen.n_rays:
             self._mark(layer, chosen, point, camera, state, supersampling, height)
@@ -193,6 +201,7 @@ class Painter:
         height: int,
         *,
         keep: bool,
+        cancel: Cancel | None,
     ) -> Layer:
         """Background and bodies, remembered while only the rays change."""
         key = (camera, width, height, state.dark, state.section, state.hidden,
@@ -200,7 +209,7 @@ class Painter:
         with self._lock:
             if key in self._layers:
                 return self._layers[key]
-        layer = paint_bodies(bodies, camera, width, height, dark=state.dark)
+        layer = paint_bodies(bodies, camera, width, height, dark=state.dark, cancel=cancel)
         if keep:
             with self._lock:
                 self._layers[key] = layer

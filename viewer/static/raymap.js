@@ -5,7 +5,7 @@
 
   // -- 3D view: draws the scene here, or shows pictures that the program paints -----------------
   // Whoever is faster draws: the page measures its first second, then asks for pictures.
-  const ENOUGH = 30, TRIAL_MS = 700, LARGEST = 2 ** 28;
+  const ENOUGH = 30, SLOW = 0.5, TRIAL_MS = 700, LARGEST = 2 ** 28;
   const RmView = {
     props: { version: { type: Number, default: 0 }, render: { type: String, default: "auto" } },
     template: `
@@ -109,8 +109,9 @@
         this.own = true;
         if (this.render === "client") return true;
         await this.$nextTick();
-        this.scene.rate(0);  // compiles
-        const here = this.scene.rate(TRIAL_MS);
+        // The first picture compiles; where it takes long, another would, too
+        const first = this.scene.rate(0);
+        const here = first < SLOW ? first : this.scene.rate(TRIAL_MS);
         let there = 0;
         if (here < ENOUGH) {
           const ask = { ...this.size(), coarse: true };
@@ -158,16 +159,24 @@
             orbit: add(waiting.orbit, action.orbit), pan: add(waiting.pan, action.pan),
             zoom: (waiting.zoom || 1) * (action.zoom || 1) };
         }
-        if (this.pending) { this.queue = action; return; }
+        if (this.pending) {
+          this.queue = action;
+          // A fine picture takes long, and is of no use once the scene moves
+          if (this.finely && action.coarse) { this.finely = false; call("rm_hurry"); }
+          return;
+        }
         const size = this.size();
         if (size.width < 8 || size.height < 8) return;
         this.queue = null;
         this.pending = 1;
+        this.finely = !action.coarse;
         const version = this.version;
         clearTimeout(this.spin);
         this.spin = setTimeout(() => { this.slow = true; }, 400);
         try {
           const reply = await call("rm_frame", { ...size, ...action });
+          // Another tab may have given it up
+          if (reply && !reply.image && !this.queue) this.queue = {};
           if (reply && reply.image) {
             const old = this.src;
             this.src = URL.createObjectURL(new Blob([reply.image], { type: reply.type }));

@@ -188,7 +188,7 @@
       return { program, places };
     }
 
-    // Take over a part; what is older than what is held is dropped
+    // Take over a part, for the next picture; what is older than what is held is dropped
     take(part, data) {
       if (part.revision <= (this.have[part.name] || 0)) return false;
       const bytes = data.buffer ? data : new Uint8Array(data);
@@ -204,7 +204,6 @@
       if (part.name === "camera" && !this.held) this.camera = part.header;
       if (part.name === "colors") this._index(arrays.rgba);
       if (part.name === "looks") { this.alphas = arrays.rgba.filter((_, i) => i % 4 === 3); }
-      this.draw();
       return true;
     }
 

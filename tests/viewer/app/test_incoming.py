@@ -20,6 +20,7 @@ from viewer.app.core import MOST_TASKS
 from viewer.app.incoming import fields
 from viewer.app.server import RunningServer, run_in_thread
 from viewer.drawn.state import ViewState
+from viewer.paint.interrupt import Interrupted
 
 
 @pytest.fixture(scope="module")
@@ -299,3 +300,43 @@ def test_a_flood_of_requests_is_left_out(server: RunningServer) -> None:
 
     drive(server, script)
     assert threading.active_count() < 40
+
+
+def test_a_picture_that_is_painted_is_given_up_by_the_next_call(
+    server: RunningServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = server.application.session
+    own = session.frame
+    begun = threading.Event()
+
+    def endless(*size: Any, coarse: bool, cancel: Any) -> bytes:
+        if coarse:
+            return own(*size, coarse=coarse, cancel=cancel)
+        begun.set()
+        while not cancel():
+            pass
+        raise Interrupted
+
+    monkeypatch.setattr(session, "frame", endless)
+    size = {"width": 64, "height": 48, "ratio": 1}
+
+    def trigger(name: str, *arguments: Any) -> dict[str, Any]:
+        return {"wslink": "1.0", "id": f"rpc:own:{name}", "method": "trame.trigger",
+                "args": [f"rm_{name}", list(arguments)], "kwargs": {}}  # fmt: skip
+
+    async def script(client: Client) -> None:
+        await client.raw(trigger("frame", size))
+        while not begun.is_set():
+            await asyncio.sleep(0.01)
+        # Its socket takes calls all the while
+        await client.raw(trigger("hurry"))
+        found: dict[str, Any] = {}
+        while len(found) < 2:
+            reply = await client.receive()
+            if str(reply.get("id")).startswith("rpc:own:"):
+                found[reply["id"]] = reply.get("result")
+        assert found["rpc:own:frame"] == {"image": None, "coarse": False}
+        reply = await client.call("trame.trigger", "rm_frame", [{**size, "coarse": True}], {})
+        assert bytes(reply["image"])[:2] == b"\xff\xd8"
+
+    drive(server, script)
