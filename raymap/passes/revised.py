@@ -75,6 +75,20 @@ class RevisedPortion(PortionView):
         shares = np.divide(lit, total[:, None], out=ends.copy(), where=total[:, None] > 0.0)
         return weight, shares
 
+    def worth_of(self, rays: NDArray[np.int64]) -> F64:
+        """(n,) what some rays count at their ends, without a look at all others.
+
+        It is `raymap.optics.photometry.ray_weights` of them, up to the rounding of colours.
+        """
+        chosen = np.zeros(self.n_rays, np.bool_)
+        chosen[rays] = True
+        factors = self._revised.reweighting(self.channel_set).of_rays(self.own, chosen)[rays]
+        ends = self.own.color_codes(self.own.column("last_color")[rays]).colors() / COLOR_SCALE
+        source = self.own.column("source")[rays]
+        worth = self._revised.photometry(self.channel_set).channel_worth[source]
+        weight = self.own.column("weight")[rays].astype(np.float64)
+        return np.asarray(weight * (ends * factors * worth).sum(axis=1))
+
     def forget(self) -> None:
         """Give back what was computed of single rays."""
         self._factors = None
@@ -135,11 +149,12 @@ class RevisedPortion(PortionView):
         if not self._revised.changes_weights:
             return weight, shares
         reweighting = self._revised.reweighting(self.channel_set)
-        factors = (
-            reweighting.of_rays(self.own)[rays]
-            if whole
-            else reweighting.along_rays(self.own)[records]
-        )
+        if whole:
+            chosen = np.zeros(self.n_rays, np.bool_)
+            chosen[rays] = True
+            factors = reweighting.of_rays(self.own, chosen)[rays]
+        else:
+            factors = reweighting.along_rays(self.own)[records]
         lit = shares * factors
         total = lit.sum(axis=1)
         return weight * total, np.divide(

@@ -221,15 +221,20 @@ class Reweighting:
         found[path_of[inside]] = True
         return found
 
-    def of_rays(self, portion: StoredPortion) -> F64:
-        """(n_rays, n_channels) factors of the rays of a portion."""
+    def of_rays(self, portion: StoredPortion, rays: NDArray[np.bool_] | None = None) -> F64:
+        """(n_rays, n_channels) factors of the rays of a portion.
+
+        Parameters
+        ----------
+        rays : (n_rays,) of which; those of the others are of no use. None: of all
+        """
         of_path, whole = self.of_paths(portion.paths())
         factors: F64 = of_path[portion.path_numbers()]
         if not whole.all():
             read = Read(portion)
-            for kind, records, rays, met in self.hits(read, even=False):
+            for kind, records, met_by, met in self.hits(read, even=False, rays=rays):
                 del records
-                _multiply(factors, rays, self.ratios(kind, met))
+                _multiply(factors, met_by, self.ratios(kind, met))
             for records, ratios in self._in_media(read):
                 _multiply(factors, read.ray_of[records], ratios)
         return factors

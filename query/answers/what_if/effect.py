@@ -26,7 +26,7 @@ from raymap.model.rows import squares_by_emission
 from raymap.optics.photometry import path_sums, ray_weights
 from raymap.passes.branches import BRANCHES
 from raymap.passes.placed import PlacedMap
-from raymap.passes.revised import RevisedMap
+from raymap.passes.revised import RevisedMap, RevisedPortion
 from raymap.passes.stopped import StoppedMap
 
 if TYPE_CHECKING:
@@ -195,21 +195,29 @@ def effect(
         known = _of_paths(scan, view)
         if known is not None:
             return _effect(map, view, known, map.emitted)
-    sums = np.zeros((7, len(map.directory.sources)))
+    n_sources = len(map.directory.sources)
+    sums = np.zeros((7, n_sources))
 
     def visit(found: Found) -> Floats:
-        return _sums_of(found, search_portion(
+        if before is map:
+            portions = found.portion, view.portions[found.index]
+            return _sums_of(portions, (found.masks[0], found.masks[0]), n_sources)
+        own = search_portion(
             found.index, before.portions[found.index], scan.verdicts, scan.local(found.index),
             before.channel_sets, found.check,
-        ), before is map, len(map.directory.sources))  # fmt: skip
+        )  # fmt: skip
+        masks = own.masks[0], found.masks[0]
+        return _sums_of((own.portion, found.portion), masks, n_sources)
 
     def take(_: int, product: Floats) -> None:
         nonlocal sums
         sums = sums + product
 
     # Where rays end elsewhere those that now do what is asked may not have done so, and vice versa
-    wanted = bind_all(view, [criterion] if before is map else [criterion, None])
-    after = Scan(view, wanted, visit=visit, take=take, threads=threads, cancel=cancel)
+    asked, wanted = (map, [criterion]) if before is map else (view, [criterion, None])
+    after = Scan(
+        asked, bind_all(asked, wanted), visit=visit, take=take, threads=threads, cancel=cancel
+    )
     after.run()
     emitted = after.emitted if after.complete else map.emitted
     return _effect(map, view, sums, emitted)
@@ -225,21 +233,28 @@ def _as_it_was(map: RayMap, view: MapView) -> RayMap:
     return map
 
 
-def _sums_of(after: Found, before: Found, alike: bool, n_sources: int) -> Floats:
+_FEW = 0.5
+"""Share of the rays of a portion below which they are weighed without all others."""
+
+
+def _sums_of(portions: tuple[Any, Any], masks: tuple[Any, Any], n_sources: int) -> Floats:
     """Of a portion, by source: rays before and after, Σ w and Σ w² of both, Σ w w'.
 
     Parameters
     ----------
-    alike : the same rays do what is asked
+    portions, masks : before and after; the masks are (n_rays,) of the rays that do what is asked
     """
-    masks = before.masks[0], before.masks[0] if alike else after.masks[0]
     rays = np.flatnonzero(masks[0] | masks[1])
-    portion = after.portion
+    portion = portions[1]
     weights = []
-    for each, mask in zip((before.portion, portion), masks, strict=True):
-        weight = ray_weights(each, rays)
+    for each, mask in zip(portions, masks, strict=True):
+        if isinstance(each, RevisedPortion) and len(rays) < _FEW * each.n_rays:
+            weight: Any = each.worth_of(rays)
+        else:
+            weight = ray_weights(each, rays)
         weights.append(np.where(mask[rays], 1.0 if weight is None else weight, 0.0))
-    portion.forget()
+    if hasattr(portion, "forget"):
+        portion.forget()
     source = portion.column("source")[rays].astype(np.int64)
     emission = portion.column("emission")[rays] if portion.grouped else None
     own, new = weights
