@@ -11,6 +11,7 @@ drawn.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -66,6 +67,13 @@ _ORDINARY = int(Event.ORDINARY)
 _EXTRAORDINARY = int(Event.EXTRAORDINARY)
 _CONICAL = int(Event.CONICAL_REFRACTION)
 _ERROR = int(Event.GEOMETRY_ERROR)
+
+
+class Sides(NamedTuple):
+    """The bodies before and behind a face, as a ray meets it; -1 is the world."""
+
+    before: int
+    behind: int
 
 
 @inline_kernel
@@ -179,49 +187,48 @@ def _carry_scattered(
 
 @inline_kernel
 def plane_normal(
-    carried: Carried | None, channel: int, before: int, behind: int, nx: float, ny: float,
-    nz: float, cosine: float, sx: float, sy: float, sz: float,
+    carried: Carried | None, channel: int, sides: Sides, nx: float, ny: float, nz: float,
+    cosine: float, sx: float, sy: float, sz: float,
 ) -> tuple[float, float, float]:  # fmt: skip
     """The normal against the ray: of the face itself where a crystal is, else s that shades it."""
     if carried is None:
         return sx, sy, sz
-    if not _splits_light(carried, channel, before, behind):
+    if not _splits_light(carried, channel, sides):
         return sx, sy, sz
     return (nx, ny, nz) if cosine < 0.0 else (-nx, -ny, -nz)
 
 
 @inline_kernel
-def _splits_light(carried: Carried, channel: int, before: int, behind: int) -> bool:
-    """Whether the medium of either body is a crystal; -1 is the world."""
+def _splits_light(carried: Carried, channel: int, sides: Sides) -> bool:
+    """Whether the medium of either body is a crystal."""
     return bool(
-        carried.rows[channel, before, KIND] != ISOTROPIC
-        or carried.rows[channel, behind, KIND] != ISOTROPIC
+        carried.rows[channel, sides.before, KIND] != ISOTROPIC
+        or carried.rows[channel, sides.behind, KIND] != ISOTROPIC
     )
 
 
 @inline_kernel
 def meet_as_carried(
-    carried: Carried | None, rays: CarriedRays | None, before: int, behind: int,
+    carried: Carried | None, rays: CarriedRays | None, sides: Sides,
     reduction: VarianceReduction | None, split: SplitRays | None, ray: WeightedRay, optics: Optics,
     tables: F64 | None, at: Interface, way: Way, light: Light, follow: int,
 ) -> Weighted:  # fmt: skip
     """Let a ray meet a surface, with its wave where rays carry theirs."""
     if carried is None or rays is None:
         return meet(reduction, split, ray, optics, tables, at, way, light, follow)
-    return _meet_carried(
-        carried, rays, before, behind, reduction, ray, optics, tables, at, way, light
-    )
+    return _meet_carried(carried, rays, sides, reduction, ray, optics, tables, at, way, light)
 
 
 @inline_kernel
 def _meet_carried(
-    carried: Carried, rays: CarriedRays, before: int, behind: int,
+    carried: Carried, rays: CarriedRays, sides: Sides,
     reduction: VarianceReduction | None, ray: WeightedRay, optics: Optics, tables: F64 | None,
     at: Interface, way: Way, light: Light,
 ) -> Weighted:  # fmt: skip
-    """Let a ray with its wave meet a surface between the media of two bodies, -1 the world."""
-    if _splits_light(carried, light.code, before, behind):
-        row_1, row_2 = carried.rows[light.code, before], carried.rows[light.code, behind]
+    """Let a ray with its wave meet a surface between the media of two bodies."""
+    if _splits_light(carried, light.code, sides):
+        row_1 = carried.rows[light.code, sides.before]
+        row_2 = carried.rows[light.code, sides.behind]
         return _meet_crystal(rays, row_1, row_2, reduction, ray, optics, at, way, light)
     if reduction is None:
         drawn, happened, crosses, dx, dy, dz, state = _meet_smooth(

@@ -77,6 +77,7 @@ from tracer.transport.buffers import (
     T,
 )
 from tracer.transport.carried import (
+    Sides,
     carry_scattered,
     fly_in_crystal,
     keep_state,
@@ -359,13 +360,13 @@ def interact(scene: CompiledScene, b: Buffers, split: SplitRays | None, follow: 
                     # Turn the normal against the ray
                     if shading > 0.0:
                         sx, sy, sz = -sx, -sy, -sz
+                    sides = Sides(top_body(stack, body_i), body)
                     sx, sy, sz = plane_normal(
-                        scene.carried, code, top_body(stack, body_i), body, nx, ny, nz, cosine, sx,
-                        sy, sz,
-                    )  # fmt: skip
+                        scene.carried, code, sides, nx, ny, nz, cosine, sx, sy, sz
+                    )
                     happened, crosses, dx, dy, dz, code, state, weight = meet_as_carried(
-                        scene.carried, b.carried, top_body(stack, body_i), body, reduction, split,
-                        arrives, optics, tables, at, Way(dx, dy, dz, sx, sy, sz),
+                        scene.carried, b.carried, sides, reduction, split, arrives,
+                        optics, tables, at, Way(dx, dy, dz, sx, sy, sz),
                         Light(code, colors, counters, state), follow,
                     )  # fmt: skip
                     event |= happened
