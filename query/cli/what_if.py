@@ -144,6 +144,11 @@ def _print(found: Effect, rows: list[dict[str, Any]], unit: str) -> None:
         )
     if found.impossible:
         console.print(f"{found.impossible:,} events were taken at the nearest possible angle")
+    if found.vague:
+        console.print(
+            f"{found.vague:,} scatterings go into a lobe narrower than ten times the error of "
+            "their stored direction: they count as before"
+        )
     if rows:
         paths = Table("path", f"before [{unit}]", f"after [{unit}]", "difference")
         for row in rows:

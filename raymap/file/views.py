@@ -227,6 +227,11 @@ class MapView(RayMap):
         """Events met so far that the recorded laws do not allow: rounding put them there."""
         return self.base.impossible if isinstance(self.base, MapView) else 0
 
+    @property
+    def vague(self) -> int:
+        """Scatterings met so far whose law changed and whose direction is not known well enough."""
+        return self.base.vague if isinstance(self.base, MapView) else 0
+
     def unseen(self) -> list[Unseen]:
         """What new laws open that the old ones never drew (`raymap.passes.revised`)."""
         return self.base.unseen() if isinstance(self.base, MapView) else []

@@ -90,6 +90,13 @@ class RadialScatter(Part):
         assert self.harvey_shack is not None
         return harvey_shack(*self.harvey_shack, **scaled)
 
+    def half_width(self, wavelength_nm: float) -> float:
+        """Distance of projections at which the BSDF has fallen to half of its peak, at most 2."""
+        rho = np.geomspace(1e-9, RADIAL_REACH, 4096)
+        value = self.bsdf(wavelength_nm)(rho)
+        below = np.flatnonzero(value < 0.5 * value[0])
+        return float(rho[below[0]]) if len(below) else RADIAL_REACH
+
     def tables(self, wavelengths_nm: ArrayLike, name: str = "") -> F64:
         """(n, size) tables for `eval_radial`: one, or one per channel where they are scaled."""
         wavelengths = np.asarray(wavelengths_nm, np.float64)

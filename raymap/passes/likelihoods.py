@@ -51,6 +51,8 @@ class Incidence(NamedTuple):
     cos_i : (n,) cosines of the angle of incidence
     wi, wo : (n, 3) unit vectors back along the light that comes and along the light that goes, in a
         frame whose z is the normal on the incident side; of no rows where nothing is scattered
+    error : (n,) of the direction in which scattered light goes from the specular one, as far as
+        stored positions and normals say it; of no rows where nothing is scattered
     """
 
     n_i: F64
@@ -58,6 +60,7 @@ class Incidence(NamedTuple):
     cos_i: F64
     wi: F64
     wo: F64
+    error: F64 = np.zeros(0)
 
 
 def is_even(law: Law, branch: int) -> bool:
@@ -109,6 +112,9 @@ class Likelihoods:
             self._shares = lambda n_i, n_o, cos_i: law.shares(channels, n_i, n_o, cos_i)
         scatter: RadialScatter | None = getattr(law, "scatter", None)
         self._radial = None if scatter is None else scatter.tables(channels.wavelengths_nm)
+        self.half_width = math.inf
+        if scatter is not None:
+            self.half_width = min(map(scatter.half_width, channels.wavelengths_nm))
         self._sides: tuple[F64 | None, F64 | None] = (None, None)
         if isinstance(law, TabulatedLaw):
             reflected, transmitted = law.reflected, law.transmitted

@@ -390,6 +390,11 @@ class RevisedMap(MapView):
         """Events met so far that the recorded laws do not allow: rounding put them there."""
         return sum(each.impossible for each in self._reweightings.values())
 
+    @property
+    def vague(self) -> int:
+        """Scatterings met so far whose law changed and whose direction is not known well enough."""
+        return sum(each.vague for each in self._reweightings.values())
+
     def unseen(self) -> list[Unseen]:
         """What the new laws open that the old ones never drew, estimated from the first portions.
 

@@ -12,6 +12,7 @@ C. K. Hayakawa et al., Opt. Lett. 26, 1335 (2001): the same for volumes of tissu
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -31,7 +32,7 @@ from raymap.laws.phase import eval_phase
 from raymap.model.directory import ChannelSet, Directory
 from raymap.model.errors import FormatError, RayMapError
 from raymap.model.events import Event
-from raymap.model.schema import COLOR_SCALE, NONE
+from raymap.model.schema import COLOR_SCALE, NONE, NORMAL_SCALE
 from raymap.optics.frames import frame_about
 from raymap.passes.branches import (
     ABSORBED,
@@ -59,6 +60,12 @@ __all__ = ["ChangedLaws", "MediumChange", "Hit", "Read", "Reweighting"]
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 _BEYOND = (THROUGH, SCATTERED_THROUGH)
+_VAGUE = 0.1
+"""Share of the width of a lobe that the direction of scattered light is known to."""
+_ROUNDED = 2.0**-23
+"""Of a coordinate in float32, at both ends of a segment."""
+_NORMAL_ERROR = math.sqrt(3.0) / NORMAL_SCALE
+"""Of the difference of two projections, by rounded components of the normal."""
 
 
 class MediumChange(NamedTuple):
@@ -122,6 +129,7 @@ class Reweighting:
         self._classes: dict[Hit, tuple[F64, F64]] = {}
         self._lock = threading.Lock()
         self.impossible = 0
+        self.vague = 0
 
     # -- what happens --------------------------------------------------------------------------
 
@@ -294,6 +302,12 @@ class Reweighting:
         met = met._replace(n_i=n_i, n_o=n_o)
         before = self._laws[id(old)].of(kind.branch, met)
         after = self._laws[id(new)].of(kind.branch, met)
+        width = min(self._laws[id(law)].half_width for law in (old, new))
+        if len(met.error) and old != new and width < np.inf:
+            # Densities say nothing where the direction is not known as well as the lobe is narrow
+            vague = met.error > _VAGUE * width
+            self.vague += int(vague.sum())
+            after = np.where(vague[None, :], before, after)
         impossible = ~(before > 0.0).any(axis=0)
         if impossible.any():
             self.impossible += int(impossible.sum())
@@ -394,7 +408,15 @@ def _incidence(
         raise FormatError("a record where light was scattered has none behind it")
     wi, wo = np.empty((2, len(records) if scattered else 0, 3))
     _meet(position, normal, records, cos_i, wi, wo)
-    return Incidence(np.zeros(0), np.zeros(0), cos_i, wi, wo)
+    error = np.zeros(0)
+    if scattered and len(records):
+        # Of rounded ends over the way between them, and of the normal that both projections lean on
+        error = np.full(len(records), _NORMAL_ERROR)
+        for side in (-1, 1):
+            ends = position[records].astype(np.float64), position[records + side].astype(np.float64)
+            way = np.maximum(np.linalg.norm(ends[1] - ends[0], axis=1), 1e-300)
+            error += _ROUNDED * np.abs(ends).max(axis=(0, 2)) / way
+    return Incidence(np.zeros(0), np.zeros(0), cos_i, wi, wo, error)
 
 
 def _may_open(old: Law, new: Law, channels: ChannelSet) -> bool:

@@ -137,6 +137,8 @@ class Effect:
     effective : rays of equal weight that would say as much: (Σ w)² / Σ w²
     opened : what the changes open that was never drawn, so that it is missing in ``after``
     impossible : events that the recorded laws do not allow, which rounding put there
+    vague : scatterings into a lobe so narrow that the stored direction does not tell its density;
+        they count as before
     """
 
     before: Estimate
@@ -148,6 +150,7 @@ class Effect:
     effective: float
     opened: tuple[Opened, ...]
     impossible: int
+    vague: int = 0
 
     @property
     def weak(self) -> bool:
@@ -169,6 +172,7 @@ class Effect:
             "weak": self.weak,
             "opened": [dict(entry.__dict__) for entry in self.opened],
             "impossible_events": self.impossible,
+            "vague_events": self.vague,
         }
         return with_doubts(told)
 
@@ -327,6 +331,7 @@ def _effect(map: RayMap, view: MapView, sums: Floats, emitted: NDArray[np.int64]
         effective=lit**2 / spread if spread > 0.0 else 0.0,
         opened=opened,
         impossible=view.impossible,
+        vague=view.vague,
     )
 
 

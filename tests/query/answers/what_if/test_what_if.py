@@ -349,6 +349,22 @@ def test_what_was_never_drawn_is_named_and_bounded(tmp_path: Path) -> None:
     assert by_branch == {"scattered back": pytest.approx(0.25 * arrives, rel=1e-6)}
 
 
+def test_lobes_that_directions_do_not_resolve_are_left_out_and_counted(tmp_path: Path) -> None:
+    """Normals of 16 bits leave directions 5e-5 unsure: too much for a lobe of 1e-4."""
+    narrow = SCENE.replace("UNIT", "W").replace("[1e-3, 0.01, 2.0]", "[5e-4, 1e-8, 2.0]")
+    for text, some in ((narrow, True), (SCENE.replace("UNIT", "W"), False)):
+        with traced(tmp_path / f"{some}.raymap", text, 1, rays=4_000) as ray_map:
+            law = [5e-4, 4e-8, 2.0] if some else [5e-4, 0.02, 1.5]
+            view = query.what_if(ray_map, {"window.scatter": {"abg": law}})
+            criterion = 'hit("window", scattered)'
+            found = query.effect(ray_map, view, criterion)
+            assert found.rays > 5
+            assert (found.vague >= found.rays) == some
+            assert (found.vague == 0) != some
+            if some:
+                assert found.after.flux == pytest.approx(found.before.flux, rel=0.3)
+
+
 def test_split_light_is_weighed_too(tmp_path: Path) -> None:
     text = SCENE.replace("UNIT", "W") + '[trace]\nmode = "weighted"\nsplit_depth = 2\n'
     new = text.replace(CLEAR, CLEAR + "\nreflectance = 0.2")
