@@ -65,8 +65,11 @@ class BoundTime(BoundValue):
         unknown = np.logical_or.reduce(
             [np.isnan(rows).any(axis=1) for rows in self.indices.values()]
         )
-        names = [map.directory.media[number].name for number in np.flatnonzero(unknown)]
+        media = [map.directory.media[number] for number in np.flatnonzero(unknown)]
+        names = [medium.name for medium in media]
         shown = ", ".join(names[:5]) + (" …" if len(names) > 5 else "")
+        if media and all(medium.kind == "crystal" for medium in media):
+            return f"light has no single speed in a crystal ({shown})"
         if names:
             return f"the map does not say the group index of {shown}; record it again"
         return "channels of mixed light arrive at different times"

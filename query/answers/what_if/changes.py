@@ -43,9 +43,24 @@ __all__ = [
     "parse_setting",
     "parse_share",
     "step_of",
+    "without_laws",
 ]
 
 Floats = NDArray[np.float64]
+
+
+def without_laws(map: Any) -> str:
+    """Why nothing of a map that states no laws can be changed."""
+    if any(medium.kind == "crystal" for medium in map.directory.media):
+        return (
+            f"{map.path} is of light beside crystals, whose polarisation chose its ways: what its "
+            "surfaces and media do cannot be changed after the trace"
+        )
+    return (
+        f"{map.path} does not say what its surfaces and media do to light (it was recorded by an "
+        "earlier version or another tracer), so that they cannot be changed; record it again"
+    )
+
 
 _LARGEST = 1e30
 """Largest amount that a change may name: sums of it are numbers."""
@@ -140,11 +155,7 @@ class Changes:
         before = earlier or ChangedLaws()
         known = map.laws(channel_set) if self.faces or self.media else None
         if (self.faces or self.media) and known is None:
-            raise RayMapError(
-                f"{map.path} does not say what its surfaces and media do to light (it was recorded "
-                "by an earlier version or another tracer), so that they cannot be changed; record "
-                "it again; sources can be changed"
-            )
+            raise RayMapError(f"{without_laws(map)}; sources can be changed")
         faces, media = dict(before.faces), dict(before.media)
         if known is not None:
             faces.update(self._faces(map.directory, channels, known, before))

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from query.answers.selections.selector import bind_all, select
-from query.answers.what_if.changes import Changes, faces_of, step_of
+from query.answers.what_if.changes import Changes, faces_of, step_of, without_laws
 from query.engine.scan import Cancel, Scan
 from query.engine.search import Found
 from query.engine.second_try import asked_again
@@ -202,10 +202,7 @@ def _refuse(map: RayMap, reflectance: float, faces: int) -> None:
             f"{map.path} is of polarised light: try changes one by one (raymap what-if)"
         )
     if map.laws() is None:
-        raise RayMapError(
-            f"{map.path} does not say what its surfaces and media do to light (it was recorded by "
-            "an earlier version or another tracer): record it again"
-        )
+        raise RayMapError(without_laws(map))
 
 
 def _share_of(map: RayMap, criterion: object, most: int, threads: Any, cancel: Cancel) -> float:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from query.answers.what_if.changes import Changes
+from query.answers.what_if.changes import Changes, without_laws
 from raymap.laws.law import Law
 from raymap.laws.stored import laws_of
 from raymap.model.directory import ChannelSet, Directory
@@ -51,7 +51,7 @@ def changes_of_scene(map: RayMap, scene: str | Path) -> Changes:
     changes = Changes(((str(scene), "scene"),))
     known, new = map.laws(), laws_of(directory, channels)
     if known is None or new is None:
-        raise RayMapError(f"{map.path} does not say what its surfaces do to light")
+        raise RayMapError(without_laws(map))
     for face, (before, after) in enumerate(
         zip(own.faces.surface.tolist(), directory.faces.surface.tolist(), strict=True)
     ):

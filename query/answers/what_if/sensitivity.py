@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from query.answers.selections.selector import bind_all
+from query.answers.what_if.changes import without_laws
 from query.engine.scan import Cancel, Scan
 from query.engine.search import Found
 from query.engine.second_try import asked_again
@@ -177,10 +178,7 @@ class _Pass:
         directory = self.map.directory
         known = self.map.laws(channel_set)
         if known is None:
-            raise RayMapError(
-                f"{self.map.path} does not say what its surfaces and media do to light (it was "
-                "recorded by an earlier version or another tracer): record it again"
-            )
+            raise RayMapError(without_laws(self.map))
         changed = self.map.changed(channel_set) if isinstance(self.map, MapView) else None
         new = {} if changed is None else changed.faces
         found = {}

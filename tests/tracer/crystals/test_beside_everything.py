@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import raymap
-from query import detected, hit, select
+from query import detected, hit, select, sensitivity, what_if
+from raymap.model.errors import RayMapError
 from tracer.run.recording import record
 from tracer.run.results import StoppedLight
 from tracer.scene.load import parse_scene
@@ -201,6 +202,18 @@ surface = "sheet"
     for x, y, n in ((0, 1, N_E), (1, 0, N_O)):
         found, error = flux(text + sheet.format(x=x, y=y), rays=20_000)
         assert abs(found - through(n) / 2.0) < 4.0 * error + 2e-3
+
+
+def test_maps_of_crystals_say_why_nothing_can_be_changed(tmp_path: Path) -> None:
+    path = tmp_path / "plate.raymap"
+    record(parse_scene(head() + slab("plate", 0) + SCREEN), path, rays=200)
+    with raymap.open(path) as ray_map:
+        for ask in (
+            lambda: what_if(ray_map, {"plate.z_min.reflectance": 0.1}),
+            lambda: sensitivity(ray_map, detected("screen")),
+        ):
+            with pytest.raises(RayMapError, match="beside crystals, whose polarisation chose"):
+                ask()
 
 
 def test_a_sheet_that_no_law_knows_inside_of_a_crystal_is_an_error() -> None:
