@@ -51,7 +51,7 @@ def check_room(name: str) -> None:
 
 def trusted_path() -> list[str]:
     """Python's path for a process that we start: ours first, nothing relative to a folder."""
-    return [str(_HOME), *(place for place in sys.path if os.path.isabs(place))]
+    return [str(_HOME), *(folder for folder in sys.path if os.path.isabs(folder))]
 
 
 def registries() -> dict[str, Registry[Any]]:

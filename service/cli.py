@@ -113,18 +113,18 @@ def serve(
         tokens=None if tokens is None else TokenFile(tokens),
     )
     told = None if metrics_port is None else MetricsServer(service.metrics, metrics_port)
-    place = str(folder.resolve())
+    where = str(folder.resolve())
     if json:
         import sys
 
-        answer = {"address": service.address, "token": token, "folder": place}
+        answer = {"address": service.address, "token": token, "folder": where}
         emit_json(answer if told is None else {**answer, "metrics": told.address})
         sys.stdout.flush()
     else:
         shown = "…" if token is None else token
         metrics = "" if told is None else f"Metrics at {told.address}/metrics\n"
         typer.echo(
-            f"Raymap serves {place} at {service.address}\n"
+            f"Raymap serves {where} at {service.address}\n"
             f'  raymap.connect("{service.address}", token="{shown}")\n{metrics}'
             "Press Ctrl-C to stop."
         )

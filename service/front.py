@@ -554,15 +554,15 @@ def _context(tls: Tls, folder: Path) -> ssl.SSLContext:
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     places = folder / "certificate", folder / "key"
     try:
-        for place, content in zip(places, (tls.certificate, tls.key), strict=True):
-            place.touch(mode=0o600)
-            place.write_bytes(content)
+        for path, content in zip(places, (tls.certificate, tls.key), strict=True):
+            path.touch(mode=0o600)
+            path.write_bytes(content)
         context.load_cert_chain(*places)
     except (ssl.SSLError, OSError) as error:
         raise RayMapError(f"the certificate and key cannot be used for TLS: {error}") from None
     finally:
-        for place in places:
-            place.unlink(missing_ok=True)
+        for path in places:
+            path.unlink(missing_ok=True)
     context.set_alpn_protocols(["h2"])
     return context
 

@@ -100,10 +100,10 @@ def _keys(
         for row in range(offsets[path], offsets[path + 1]):
             owner = paths.object[row]
             # Object, face and events of the point in one word.
-            place = np.uint64(owner + 1) << np.uint64(44)
+            bits = np.uint64(owner + 1) << np.uint64(44)
             if by_face:
-                place ^= np.uint64(paths.face[row] + 1) << np.uint64(26) << np.uint64(2)
-            word = place ^ np.uint64(event[row] & PRINCIPAL)
+                bits ^= np.uint64(paths.face[row] + 1) << np.uint64(26) << np.uint64(2)
+            word = bits ^ np.uint64(event[row] & PRINCIPAL)
             a = _mix(a, word)
             b = _mix(b, word ^ salt)
             if event[row] & _REFLECTED:

@@ -187,16 +187,16 @@ def match_path(
             for word in range(n_words):
                 bits = reach[word]
                 states[word] = 0
-                place = 0
+                index = 0
                 while bits:
-                    state = word * 64 + place
+                    state = word * 64 + index
                     if bits & _ONE and _fits(
                         paths, triangle, triangle_mode, machine, principal, state, ray, row
                     ):
-                        states[word] |= _ONE << np.uint64(place)
+                        states[word] |= _ONE << np.uint64(index)
                         alive = True
                     bits >>= _ONE
-                    place += 1
+                    index += 1
             if not alive:
                 break
             if not machine.needs_detectors:

@@ -46,14 +46,14 @@ def path_text(base: PathContext, row: int, names: PathNames, by: str) -> str:
     for point in range(begin, end):
         owner, face = int(base.object[point]), int(base.face[point])
         if point == begin:
-            place = names.sources[int(base.source[row])]
+            name = names.sources[int(base.source[row])]
         elif owner < 0:
-            place = ""
+            name = ""
         elif by == "face" and face >= 0:
-            place = names.faces[face]
+            name = names.faces[face]
         else:
-            place = names.objects[owner]
-        words.append((place + names.happened(int(base.event[point]))) or ":")
+            name = names.objects[owner]
+        words.append((name + names.happened(int(base.event[point]))) or ":")
         first, last = int(base.crossing_offsets[point]), int(base.crossing_offsets[point + 1])
         words.extend(
             "@" + names.detectors[int(base.detector[crossing])]

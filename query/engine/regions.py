@@ -85,7 +85,7 @@ def _in_cells(region: Region, detector: Detector, length_unit: str) -> Four:
         per_unit = [scale * detector.cells[axis] / detector.size[axis] for axis in (0, 1)]
         zero = [detector.cells[0] / 2, detector.cells[1] / 2]
     zero += [0.0, 0.0] if region.shape == "ellipse" else zero
-    cells = [n * per_unit[place % 2] + zero[place] for place, n in enumerate(region.numbers)]
+    cells = [n * per_unit[index % 2] + zero[index] for index, n in enumerate(region.numbers)]
     return cells[0], cells[1], cells[2], cells[3]
 
 
@@ -102,8 +102,8 @@ def _field_in_cells(region: Region, detector: Detector) -> Four:
         message = f"region of detector {detector.name!r}: {problem}"
         raise Misfit(CriterionError(message), region.unit)
     cells = [
-        (np.tan(np.radians(angle)) / half[place % 2] + 1.0) * detector.cells[place % 2] / 2
-        for place, angle in enumerate(angles)
+        (np.tan(np.radians(angle)) / half[index % 2] + 1.0) * detector.cells[index % 2] / 2
+        for index, angle in enumerate(angles)
     ]
     return float(cells[0]), float(cells[1]), float(cells[2]), float(cells[3])
 

@@ -173,15 +173,15 @@ def _rows_of_runs(starts: Ints, offsets: Ints) -> NDArray[np.int64]:
 @kernel
 def number_rays(bits: NDArray[np.uint8], first: int, out: NDArray[np.int64]) -> None:
     """Numbers, from ``first``, of the rays whose bit is set; bits as `np.packbits` has them."""
-    place = 0
+    index = 0
     for byte in range(len(bits)):
         value = bits[byte]
         if value == 0:
             continue
         for bit in range(8):
             if value & (128 >> bit):
-                out[place] = first + byte * 8 + bit
-                place += 1
+                out[index] = first + byte * 8 + bit
+                index += 1
 
 
 def match_sequence(

@@ -99,8 +99,8 @@ class _PathParser:
     elements: list[Element] = field(default_factory=list)
     follow: list[int] = field(default_factory=list)
 
-    def fail(self, message: str, place: int | None = None) -> CriterionError:
-        start = self.place if place is None else place
+    def fail(self, message: str, index: int | None = None) -> CriterionError:
+        start = self.place if index is None else index
         around = self.text[max(0, start - 20) : start] + "⟨here⟩" + self.text[start : start + 20]
         return CriterionError(f"path expression: {message} at {around!r}")
 

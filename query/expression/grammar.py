@@ -77,21 +77,21 @@ def parse(text: str) -> Criterion:
     try:
         tree = _parser().parse(text)
     except UnexpectedCharacters as error:
-        place = error.pos_in_stream or 0
+        index = error.pos_in_stream or 0
         what = (
             "a quotation mark is never closed"
-            if text[place] == '"'
-            else (f"unexpected {text[place]!r}")
+            if text[index] == '"'
+            else (f"unexpected {text[index]!r}")
         )
-        raise _fail(what, text, place, place + 1) from None
+        raise _fail(what, text, index, index + 1) from None
     except UnexpectedEOF:
         raise _fail("the criterion ends too early", text, len(text), len(text)) from None
     except UnexpectedToken as error:
         if error.token.type == "$END":
             raise _fail("the criterion ends too early", text, len(text), len(text)) from None
-        place = error.token.start_pos or 0
+        index = error.token.start_pos or 0
         raise _fail(
-            f"unexpected {str(error.token)!r}", text, place, place + len(error.token)
+            f"unexpected {str(error.token)!r}", text, index, index + len(error.token)
         ) from None
     return _Builder(text).criterion(tree)
 
@@ -100,7 +100,7 @@ def _check_brackets(text: str) -> None:
     """Name the bracket that is open, and bound the nesting before anything recurses over it."""
     open_places: list[int] = []
     quoted = escaped = False
-    for place, character in enumerate(text):
+    for index, character in enumerate(text):
         if quoted:
             if escaped:
                 escaped = False
@@ -111,12 +111,12 @@ def _check_brackets(text: str) -> None:
         elif character == '"':
             quoted = True
         elif character == "(":
-            open_places.append(place)
+            open_places.append(index)
             if len(open_places) > MAX_DEPTH:
-                raise _fail(f"brackets nest deeper than {MAX_DEPTH}", text, place, place + 1)
+                raise _fail(f"brackets nest deeper than {MAX_DEPTH}", text, index, index + 1)
         elif character == ")":
             if not open_places:
-                raise _fail("this bracket closes nothing", text, place, place + 1)
+                raise _fail("this bracket closes nothing", text, index, index + 1)
             open_places.pop()
     if open_places and not quoted:
         raise _fail(

@@ -187,12 +187,12 @@ class MapFile:
         overlap = len(TAG_PREFIX) - 1
         while start < far:
             block = self.read(start, min(_SEARCH_BLOCK + overlap, size - start))
-            place = block.find(TAG_PREFIX)
-            while 0 <= place < _SEARCH_BLOCK:
+            index = block.find(TAG_PREFIX)
+            while 0 <= index < _SEARCH_BLOCK:
                 try:
-                    return self.chunk_at(start + place, size)
+                    return self.chunk_at(start + index, size)
                 except FormatError:
-                    place = block.find(TAG_PREFIX, place + 1)
+                    index = block.find(TAG_PREFIX, index + 1)
             start += _SEARCH_BLOCK
         return None
 

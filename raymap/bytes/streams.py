@@ -384,12 +384,12 @@ def frame_of_zeros(n: int, places: NDArray[np.int32], values: NDArray[np.uint8])
     """
     blocks: list[tuple[int, int, bytes]] = []
     done = 0
-    for place, value in zip([*places.tolist(), n], [*values.tolist(), 0], strict=True):
-        for start in range(done, place, _BLOCK):
-            blocks.append((1, min(_BLOCK, place - start), b"\0"))
-        if place < n:
+    for index, value in zip([*places.tolist(), n], [*values.tolist(), 0], strict=True):
+        for start in range(done, index, _BLOCK):
+            blocks.append((1, min(_BLOCK, index - start), b"\0"))
+        if index < n:
             blocks.append((0, 1, bytes([value])))
-        done = place + 1
+        done = index + 1
     frame = [_FRAME, n.to_bytes(4, "little")]
     for number, (kind, size, content) in enumerate(blocks):
         last = number == len(blocks) - 1

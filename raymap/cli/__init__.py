@@ -170,8 +170,8 @@ def main() -> None:
         raise SystemExit(1) from None
     except OSError as error:
         # A full disk, a missing folder, no permission: the file's name and the system's reason
-        place = f"{error.filename}: " if error.filename else ""
-        typer.echo(f"error: {place}{error.strerror or error}", err=True)
+        where = f"{error.filename}: " if error.filename else ""
+        typer.echo(f"error: {where}{error.strerror or error}", err=True)
         raise SystemExit(1) from None
 
 

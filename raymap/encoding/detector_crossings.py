@@ -185,8 +185,8 @@ def _rounded(value: float, low: float, high: float) -> int:
 
 
 @inner_kernel
-def _cell_of(place: int, cells: int) -> int:
-    cell = (place * cells) // UV_SCALE
+def _cell_of(index: int, cells: int) -> int:
+    cell = (index * cells) // UV_SCALE
     return cell if cell < cells else cells - 1
 
 

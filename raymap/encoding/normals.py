@@ -406,15 +406,15 @@ def other_residuals(
                 if code >= 0:
                     continue
                 if code <= MANY:
-                    place = np.int64(triangles[i] - shapes.first_primitive[np.uint32(face)])
+                    index = np.int64(triangles[i] - shapes.first_primitive[np.uint32(face)])
                     start = shapes.quadric_start[np.uint32(face)]
                     if (
                         several
                         and start >= 0
-                        and shapes.primitive_quadric[np.uint64(start + place)] >= 0
+                        and shapes.primitive_quadric[np.uint64(start + index)] >= 0
                     ):
                         continue
-                    own = shapes.face_start[np.uint32(face)] + place
+                    own = shapes.face_start[np.uint32(face)] + index
                     primitive = own if remembered.shape[0] > 0 else np.int64(-1)
             else:
                 code = np.int64(code_off_faces(k == 0, objects[point], events[point]))

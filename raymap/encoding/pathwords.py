@@ -168,9 +168,9 @@ def _code_of(faces: FaceColumns, item: np.int64, primitive: np.int32) -> np.int3
         return np.int32(_FOREIGN)
     first = faces.begin[row]
     size = faces.begin[row + _ONE] - first
-    place = np.uint32(primitive + 1)
-    if place < np.uint32(size):
-        return np.int32(faces.codes[np.uint32(first) + place])
+    index = np.uint32(primitive + 1)
+    if index < np.uint32(size):
+        return np.int32(faces.codes[np.uint32(first) + index])
     if size == 0:
         return _face_code(faces, row - _ONE, primitive)
     return np.int32(_FOREIGN)

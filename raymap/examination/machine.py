@@ -58,8 +58,8 @@ def compiled_code(*, compiling: bool) -> Iterator[Finding]:
 
 
 def _folder(part: str, folder: Path, *, chosen: bool) -> Finding:
-    files = [place for place in folder.rglob("*") if place.is_file()] if folder.is_dir() else []
-    size = sum(place.stat().st_size for place in files)
+    files = [path for path in folder.rglob("*") if path.is_file()] if folder.is_dir() else []
+    size = sum(path.stat().st_size for path in files)
     named = " (NUMBA_CACHE_DIR)" if chosen else ""
     found = f"kept in {folder}{named}: {len(files)} files, {size / _MIB:.0f} MiB"
     if folder.is_dir() and not chosen and not is_own(folder):
@@ -69,22 +69,22 @@ def _folder(part: str, folder: Path, *, chosen: bool) -> Finding:
             f"{folder} or a file in it is not yours: somebody else could put code there",
             "remove the folder",
         )
-    place = folder
-    while not place.exists():
-        place = place.parent
-    if not os.access(place, os.W_OK | os.X_OK):
+    path = folder
+    while not path.exists():
+        path = path.parent
+    if not os.access(path, os.W_OK | os.X_OK):
         return Finding(
             part,
             found,
-            f"{place} cannot be written, so that every start compiles anew",
+            f"{path} cannot be written, so that every start compiles anew",
             "make it writable, or set NUMBA_CACHE_DIR to a folder that is yours alone",
         )
-    free = shutil.disk_usage(place).free
+    free = shutil.disk_usage(path).free
     if free < _LITTLE_DISK:
         return Finding(
             part,
             found,
-            f"{free / _MIB:.0f} MiB are free on the disk of {place}",
+            f"{free / _MIB:.0f} MiB are free on the disk of {path}",
             "make room, or set NUMBA_CACHE_DIR to a folder on another disk",
         )
     return Finding(part, found)

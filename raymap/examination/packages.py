@@ -120,13 +120,13 @@ def names() -> Iterator[Finding]:
             )  # fmt: skip
             continue
         yield Finding(part, f"{room} from {own}")
-        for place in _others(room):
+        for folder in _others(room):
             whose = sorted(set(owners.get(room, ())) - {OURS})
             of = f" of the distribution {', '.join(whose)}" if whose else ""
             yield Finding(
                 part,
-                f"{room} also at {place}",
-                f"{place}{of} has the import name {room!r} of Raymap: which of the two Python "
+                f"{room} also at {folder}",
+                f"{folder}{of} has the import name {room!r} of Raymap: which of the two Python "
                 "takes depends on its path",
                 f"uninstall {', '.join(whose)}, or keep the two in environments of their own"
                 if whose
@@ -145,8 +145,8 @@ def names() -> Iterator[Finding]:
 def _others(room: str) -> Iterator[Path]:
     """Modules of our names on Python's path and in the current folder that are not ours."""
     seen = {(home() / room / "__init__.py").resolve()}
-    for place in (str(Path.cwd()), *sys.path):
-        spec = PathFinder.find_spec(room, [place or "."])
+    for folder in (str(Path.cwd()), *sys.path):
+        spec = PathFinder.find_spec(room, [folder or "."])
         # A folder without __init__.py hides nothing
         if spec is None or spec.origin is None:
             continue

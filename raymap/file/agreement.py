@@ -108,8 +108,8 @@ def compare_all(merged: MergedPaths, portions: Sequence[ReadPortion]) -> None:
         own_set = 2 + portion.index.meta.channel_set
         if colors.shape[1:] != sums[own_set].shape[1:]:
             raise FormatError("merged dictionary: a channel set without sums of colour")
-        for place, more in ((0, own.sum_w), (1, own.sum_w2), (own_set, colors)):
-            np.add.at(sums[place], local, more)
+        for index, more in ((0, own.sum_w), (1, own.sum_w2), (own_set, colors)):
+            np.add.at(sums[index], local, more)
         for total in of_worth:
             if own.sum_wy2 is None:
                 raise FormatError("merged dictionary: squares of lumens that a portion lacks")

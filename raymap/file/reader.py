@@ -384,14 +384,14 @@ class RayMap:
         RayNotFound, NoRays
         """
         self.need_rays()
-        place = bisect.bisect_left(self.portions, ray_id, key=lambda portion: portion.last_ray)
-        while place < len(self.portions):
-            portion = self.portions[place]
+        index = bisect.bisect_left(self.portions, ray_id, key=lambda portion: portion.last_ray)
+        while index < len(self.portions):
+            portion = self.portions[index]
             if portion.n_rays:
                 if portion.first_ray > ray_id:
                     break
-                return place, portion.index_of(ray_id)
-            place += 1
+                return index, portion.index_of(ray_id)
+            index += 1
         raise RayNotFound(f"{self.path} has no ray {ray_id} (it holds {self.rays} rays)")
 
     def detector_error(self, name: str) -> float | None:

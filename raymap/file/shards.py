@@ -198,8 +198,8 @@ class ShardedMap(RayMap):
 
 def _with_channels(paths: PathDictionary, places: list[int], n_sets: int) -> PathDictionary:
     sums = [np.zeros((paths.n_paths, 0)) for _ in range(n_sets)]
-    for place, own in zip(places, paths.sum_wc, strict=False):
-        sums[place] = own
+    for index, own in zip(places, paths.sum_wc, strict=False):
+        sums[index] = own
     return dataclasses.replace(paths, sum_wc=tuple(sums))
 
 

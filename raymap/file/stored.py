@@ -108,9 +108,9 @@ class StoredPortion(PortionGeometry):
             if not self._index.meta.has_ids:
                 return ray_id - self.first_ray
             ids = self.ray_ids()
-            place = int(np.searchsorted(ids, ray_id))
-            if place < len(ids) and int(ids[place]) == ray_id:
-                return place
+            index = int(np.searchsorted(ids, ray_id))
+            if index < len(ids) and int(ids[index]) == ray_id:
+                return index
         raise RayNotFound(f"{self._map.path} has no ray {ray_id}")
 
     @decodes

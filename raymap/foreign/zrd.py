@@ -115,21 +115,21 @@ class ZrdFile:
         """Segments of each ray and where they begin."""
         counts: list[int] = []
         starts: list[int] = []
-        place, size, width = 8, len(self._data), self.dtype.itemsize
+        offset, size, width = 8, len(self._data), self.dtype.itemsize
         read = struct.Struct("<i").unpack_from
         view: Any = self._data
-        while place < size:
-            count = read(view, place)[0] if place + 4 <= size else -1
-            end = place + 4 + count * width
+        while offset < size:
+            count = read(view, offset)[0] if offset + 4 <= size else -1
+            end = offset + 4 + count * width
             if count < 1 or count > max(most, 1) or end > size:
                 raise ZrdError(
-                    f"{self.name}: ray {len(counts) + 1}, at byte {place}, has {count} segments; "
+                    f"{self.name}: ray {len(counts) + 1}, at byte {offset}, has {count} segments; "
                     f"its header allows 1 to {most} and the file has {size} bytes: it is cut off "
                     "or of another version"
                 )
             counts.append(count)
-            starts.append(place + 4)
-            place = end
+            starts.append(offset + 4)
+            offset = end
         if not counts:
             raise ZrdError(f"{self.name}: holds no ray")
         return np.array(counts, np.int64), np.array(starts, np.int64)

@@ -120,10 +120,10 @@ class _Survey:
             pairs = np.unique(np.stack([hit["hit_object"], hit["hit_face"]], 1), axis=0)
             faces.update((int(a), int(b)) for a, b in pairs)
             inside, first = np.unique(s["in_object"][~root], return_index=True)
-            for number, place in zip(inside.tolist(), first.tolist(), strict=True):
-                media.setdefault(number, float(s["index"][~root][place]))
+            for number, index in zip(inside.tolist(), first.tolist(), strict=True):
+                media.setdefault(number, float(s["index"][~root][index]))
                 if number == 0:
-                    media[0] = float(s["index"][~root][place])
+                    media[0] = float(s["index"][~root][index])
             points = np.stack([s["x"], s["y"], s["z"]], 1)[root | (s["hit_object"] > 0)]
             low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
         self.sources = sorted(self.flux)
@@ -270,12 +270,12 @@ def _paths(parent: Ints, end: Ints) -> tuple[Ints, Ints]:
         here = parent[here]
     # Fill from the ends back to the starts
     rows = np.empty(int(counts.sum()), np.int64)
-    place = np.cumsum(counts) - 1
+    index = np.cumsum(counts) - 1
     here = end
     while len(here):
-        rows[place] = here
+        rows[index] = here
         here = parent[here]
-        place = place[here >= 0] - 1
+        index = index[here >= 0] - 1
         here = here[here >= 0]
     return rows, counts
 

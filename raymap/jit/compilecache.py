@@ -156,20 +156,20 @@ def is_own(folder: Path) -> bool:
     if not hasattr(os, "getuid"):
         return True
     try:
-        for place in (folder.parent, folder):
-            status = place.lstat()
+        for path in (folder.parent, folder):
+            status = path.lstat()
             if status.st_uid != os.getuid() or stat.S_ISLNK(status.st_mode):
                 return False
             if status.st_mode & _OF_OTHERS:
-                place.chmod(stat.S_IMODE(status.st_mode) & ~_OF_OTHERS)
+                path.chmod(stat.S_IMODE(status.st_mode) & ~_OF_OTHERS)
         return all(_is_own_file(entry) for entry in (*folder.iterdir(), *folder.glob("*/*")))
     except OSError:
         return False
 
 
-def _is_own_file(place: Path) -> bool:
+def _is_own_file(path: Path) -> bool:
     try:
-        status = place.lstat()
+        status = path.lstat()
     except FileNotFoundError:
         # Another process has removed what it no longer uses
         return True
@@ -238,8 +238,8 @@ def remove_old(folder: Path) -> None:
         if other != folder:
             with contextlib.suppress(OSError):
                 ages.append((time.time() - other.stat().st_mtime, other))
-    for place, (age, other) in enumerate(sorted(ages)):
-        if place >= _KEPT_FOLDERS - 1 or age > _KEPT_SECONDS:
+    for index, (age, other) in enumerate(sorted(ages)):
+        if index >= _KEPT_FOLDERS - 1 or age > _KEPT_SECONDS:
             shutil.rmtree(other, ignore_errors=True)
 
 

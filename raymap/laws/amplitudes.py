@@ -117,18 +117,18 @@ def amplitudes_of_laws(laws: Sequence[Law | None], channels: InChannels) -> Ampl
         size += pool[-1].size
         return size - pool[-1].size
 
-    for place, law in enumerate(laws):
+    for index, law in enumerate(laws):
         row = None if law is None else law.jones(channels)
         row = row or JonesRow(form=DEPOLARISES, numbers=np.zeros((0, 0)))
-        rows[place, _F] = row.form
-        rows[place, _FIRST], rows[place, _STEP] = add(row.numbers), row.numbers.shape[-1]
+        rows[index, _F] = row.form
+        rows[index, _FIRST], rows[index, _STEP] = add(row.numbers), row.numbers.shape[-1]
         if row.scatter is not None:
-            rows[place, _SCATTER] = add(row.scatter)
-            rows[place, _SCATTER_STEP] = row.scatter.shape[1] if len(row.scatter) > 1 else 0
+            rows[index, _SCATTER] = add(row.scatter)
+            rows[index, _SCATTER_STEP] = row.scatter.shape[1] if len(row.scatter) > 1 else 0
         if row.roughness > 0.0:
             facets = dielectric_table if row.form == BARE else conductor_table
-            rows[place, _FACETS] = add(facets(row.roughness))
-            roughness[place] = row.roughness
+            rows[index, _FACETS] = add(facets(row.roughness))
+            roughness[index] = row.roughness
     return Amplitudes(rows, roughness, np.concatenate(pool) if pool else np.zeros(0))
 
 
@@ -257,23 +257,23 @@ def _amplitudes(
     """r_s, r_p, t_s, t_p as roots of shares of flux; shares of natural light back and through, as
     they are drawn by."""
     form = a.rows[met.surface, _F]
-    place = a.rows[met.surface, _FIRST] + met.channel * a.rows[met.surface, _STEP]
+    start = a.rows[met.surface, _FIRST] + met.channel * a.rows[met.surface, _STEP]
     n1, n2 = met.n1, met.n2
     if form == METAL:
-        index = complex(a.numbers[place], a.numbers[place + 1])
+        index = complex(a.numbers[start], a.numbers[start + 1])
         r_s, r_p, _, _, _ = fresnel_amplitudes(n1 + 0j, index, cos_i)
         return r_s, r_p, 0j, 0j, 0.5 * (abs(r_s) ** 2 + abs(r_p) ** 2), 0.0
     if form == EVEN_MIRROR:
-        root = math.sqrt(a.numbers[place])
-        return complex(-root), complex(root), 0j, 0j, a.numbers[place], 0.0
+        root = math.sqrt(a.numbers[start])
+        return complex(-root), complex(root), 0j, 0j, a.numbers[start], 0.0
     if form == LAYERS:
-        count = int(a.numbers[place + COATING_SIZE])
-        first, step = place + COATING_SIZE + 1, 3
+        count = int(a.numbers[start + COATING_SIZE])
+        first, step = start + COATING_SIZE + 1, 3
         if n1 > n2:
             first, step = first + 3 * (count - 1), -3
         sine = math.sqrt(max(0.0, 1.0 - cos_i * cos_i))
         r_s, r_p, t_s, t_p = stack_amplitudes(n1, n2, sine, a.numbers, first, count, step)
-        back, through = coating_share(a.numbers, place, n1, n2, cos_i)
+        back, through = coating_share(a.numbers, start, n1, n2, cos_i)
         return r_s, r_p, t_s, t_p, back, through
     r_s, r_p, q_s, q_p, cos_t = dielectric_amplitudes(n1, n2, cos_i)
     if form == BARE:
@@ -281,11 +281,11 @@ def _amplitudes(
         back = 0.5 * (abs(r_s) ** 2 + abs(r_p) ** 2) if cos_t > 0.0 else 1.0
         return r_s, r_p, complex(root * q_s), complex(root * q_p), back, 1.0 - back
     # Shares of a table: both alike, or of each
-    back, through = coating_share(a.numbers, place, n1, n2, cos_i)
+    back, through = coating_share(a.numbers, start, n1, n2, cos_i)
     s_back, s_through, p_back, p_through = back, through, back, through
     if form == TABLES:
-        s_back, s_through = coating_share(a.numbers, place + COATING_SIZE, n1, n2, cos_i)
-        p_back, p_through = coating_share(a.numbers, place + 2 * COATING_SIZE, n1, n2, cos_i)
+        s_back, s_through = coating_share(a.numbers, start + COATING_SIZE, n1, n2, cos_i)
+        p_back, p_through = coating_share(a.numbers, start + 2 * COATING_SIZE, n1, n2, cos_i)
     total = cos_t <= 0.0
     return (
         math.sqrt(s_back) * (r_s if total else -1.0 + 0j),
@@ -312,16 +312,16 @@ def _absorbed(a: Amplitudes, waves: F64, met: Met, turn: Turn) -> float:
 @inner_kernel
 def _meet_sheet(a: Amplitudes, waves: F64, event: int, met: Met, turn: Turn) -> float:
     """Polarisers and retarders, which light crosses as it comes."""
-    place = a.rows[met.surface, _FIRST] + met.channel * a.rows[met.surface, _STEP]
-    bx, by, bz = a.numbers[place], a.numbers[place + 1], a.numbers[place + 2]
-    last = a.numbers[place + 3]
+    first = a.rows[met.surface, _FIRST] + met.channel * a.rows[met.surface, _STEP]
+    bx, by, bz = a.numbers[first], a.numbers[first + 1], a.numbers[first + 2]
+    last = a.numbers[first + 3]
     dx, dy, dz = turn.dx, turn.dy, turn.dz
     if a.rows[met.surface, _F] == RETARDER:
         if event & _ABSORBED == 0:
             retard_waves(waves, dx, dy, dz, bx, by, bz, last)
         return 1.0
     # Shares of natural light: half of what vibrates across the axis, and what leaks
-    natural, clear = 0.5 * (1.0 + last), a.numbers[place + 4]
+    natural, clear = 0.5 * (1.0 + last), a.numbers[first + 4]
     power = polarise_waves(waves, dx, dy, dz, bx, by, bz, math.sqrt(last))
     normalise_waves(waves, power)
     if event & _ABSORBED != 0:

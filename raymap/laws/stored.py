@@ -121,8 +121,8 @@ def _parsed(form: Any, values: Any, whose: str, channel_set: ChannelSet) -> Any:
         law = form.model_validate(values)
     except ValidationError as error:
         problem = error.errors()[0]
-        place = ".".join(str(part) for part in problem["loc"])
-        raise FormatError(f"the law of {whose} is not sound: {place}: {problem['msg']}") from None
+        where = ".".join(str(part) for part in problem["loc"])
+        raise FormatError(f"the law of {whose} is not sound: {where}: {problem['msg']}") from None
     _check_channels(law, whose, channel_set.n_channels)
     return law
 

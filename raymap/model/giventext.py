@@ -46,13 +46,13 @@ def toml_tables(text: str, where: str, error: type[RayMapError] = RayMapError) -
         raise error(f"{where}: a number cannot be read: {failure}") from None
     waiting: list[tuple[str, Any]] = [("", tables)]
     while waiting:
-        place, value = waiting.pop()
+        dotted, value = waiting.pop()
         if isinstance(value, dict):
-            waiting += [(f"{place}.{key}" if place else key, each) for key, each in value.items()]
+            waiting += [(f"{dotted}.{key}" if dotted else key, each) for key, each in value.items()]
         elif isinstance(value, list):
-            waiting += [(place, each) for each in value]
+            waiting += [(dotted, each) for each in value]
         elif isinstance(value, int) and value.bit_length() > WHOLE_BITS:
-            raise error(f"{where}: {place}: a whole number has at most {WHOLE_BITS} bits")
+            raise error(f"{where}: {dotted}: a whole number has at most {WHOLE_BITS} bits")
     return tables
 
 

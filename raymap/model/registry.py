@@ -167,22 +167,22 @@ class Registry(Mapping[str, Kind]):
     def _loaded(self, pending: _Pending) -> Kind:
         point = pending.point
         distribution = point.dist.name if point.dist else ""
-        place = f"{_place(point.value, distribution)}, registered under {self.group}"
+        where = f"{_place(point.value, distribution)}, registered under {self.group}"
         try:
             kind = point.load()
         except Exception as error:
             # Whatever the module of somebody else does while it is loaded
             raise RayMapError(
-                f"{place}, cannot be loaded ({type(error).__name__}: {error}); upgrade or "
+                f"{where}, cannot be loaded ({type(error).__name__}: {error}); upgrade or "
                 f"uninstall {distribution or 'its distribution'}"
             ) from error
         wanted = self._of
         fits = wanted is None or isinstance(kind, wanted)
         if not fits and not (isinstance(kind, type) and issubclass(kind, wanted)):  # type: ignore[arg-type]
-            raise RayMapError(f"{place}: {kind!r} is no {wanted.__name__}")  # type: ignore[union-attr]
+            raise RayMapError(f"{where}: {kind!r} is no {wanted.__name__}")  # type: ignore[union-attr]
         if point.name not in self._words(kind):
             raise RayMapError(
-                f"{place}: is called {point.name!r}, but its kind {', '.join(self._words(kind))}"
+                f"{where}: is called {point.name!r}, but its kind {', '.join(self._words(kind))}"
             )
         return kind  # type: ignore[no-any-return]
 

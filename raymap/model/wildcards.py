@@ -38,14 +38,14 @@ _Piece = tuple[_Element, ...]
 
 def characters(pattern: str) -> Iterator[tuple[str, bool]]:
     """Characters of a pattern with a flag: was it escaped by a backslash?"""
-    place = 0
-    while place < len(pattern):
-        if pattern[place] == "\\" and place + 1 < len(pattern):
-            yield pattern[place + 1], True
-            place += 2
+    index = 0
+    while index < len(pattern):
+        if pattern[index] == "\\" and index + 1 < len(pattern):
+            yield pattern[index + 1], True
+            index += 2
         else:
-            yield pattern[place], False
-            place += 1
+            yield pattern[index], False
+            index += 1
 
 
 class Wildcard:
@@ -72,16 +72,16 @@ class Wildcard:
         """Whether the pattern stands for the whole name."""
         if not _fits(self._first, name, 0):
             return False
-        place = len(self._first)
+        index = len(self._first)
         if self._last is None:
-            return place == len(name)
+            return index == len(name)
         end = len(name) - len(self._last)
         for finder in self._between:
-            found = finder.find(name, place)
+            found = finder.find(name, index)
             if found < 0:
                 return False
-            place = found + finder.length
-        return place <= end and _fits(self._last, name, end)
+            index = found + finder.length
+        return index <= end and _fits(self._last, name, end)
 
 
 class _Finder:
@@ -98,13 +98,13 @@ class _Finder:
         if self._literal:
             return name.find(self._text, start)
         places = range(start, len(name) - self.length + 1)
-        return next((place for place in places if _fits(self._piece, name, place)), -1)
+        return next((index for index in places if _fits(self._piece, name, index)), -1)
 
 
-def _fits(piece: _Piece, name: str, place: int) -> bool:
-    if place < 0 or place + len(piece) > len(name):
+def _fits(piece: _Piece, name: str, index: int) -> bool:
+    if index < 0 or index + len(piece) > len(name):
         return False
-    return all(_is(element, name[place + k]) for k, element in enumerate(piece))
+    return all(_is(element, name[index + k]) for k, element in enumerate(piece))
 
 
 def _is(element: _Element, character: str) -> bool:
@@ -122,15 +122,15 @@ def _escaped(pattern: str) -> Iterator[_Element]:
 
 
 def _of_the_shell(pattern: str) -> Iterator[_Element]:
-    place = 0
-    while place < len(pattern):
-        character = pattern[place]
+    index = 0
+    while index < len(pattern):
+        character = pattern[index]
         # A bracket right behind the opening one, or behind "!", stands for itself
-        first = place + (3 if pattern.startswith("[!", place) else 2)
+        first = index + (3 if pattern.startswith("[!", index) else 2)
         end = pattern.find("]", first) if character == "[" else -1
         if end > 0:
-            yield _Class(pattern[place + 1 : end])
-            place = end
+            yield _Class(pattern[index + 1 : end])
+            index = end
         else:
             yield {"*": _STARS, "?": None}.get(character, character)
-        place += 1
+        index += 1

@@ -143,10 +143,10 @@ class FaceSizes:
         blocks = self.joined(side)
         return float(blocks.part(*map(range, blocks.shape)).sum())
 
-    def _sides(self, place: Ints, axis: int) -> Floats:
+    def _sides(self, index: Ints, axis: int) -> Floats:
         """(2, n) where blocks begin and end on the map."""
         n = self.cells[1 - axis]
-        ends = np.minimum(np.stack((place, place + 1)) * self.side, n)
+        ends = np.minimum(np.stack((index, index + 1)) * self.side, n)
         return np.asarray((ends / n - 0.5) * self.size[axis])
 
 

@@ -107,10 +107,10 @@ def stack_amplitudes(
         # Fields E and H at the back, carried through the layers to the front
         e, h = 1.0 + 0j, back
         for j in range(count - 1, -1, -1):
-            place = first + j * step
-            n = complex(layers[place], layers[place + 1])
+            row = first + j * step
+            n = complex(layers[row], layers[row + 1])
             normal = _normal_part(n, tangential)
-            delta = normal * layers[place + 2]
+            delta = normal * layers[row + 2]
             # Beyond this damping nothing gets through, and the numbers would overflow
             delta = complex(delta.real, min(delta.imag, 300.0))
             admittance = normal if polarisation == 0 else n * n / normal

@@ -143,10 +143,10 @@ class StoppedPortion(PortionView):
         # Of each last segment which crossings remain, to tell paths apart
         most = int(recorded[found.record].max()) if len(found.ray) else 0
         flags = np.zeros((len(found.ray), most), np.uint8)
-        place = np.arange(len(last)) - np.repeat(
+        index = np.arange(len(last)) - np.repeat(
             offsets_of(recorded[found.record])[:-1], recorded[found.record]
         )
-        flags[owner, place] = 1 + stays
+        flags[owner, index] = 1 + stays
         return of_record.astype(np.uint16), chosen, flags
 
     def _paths_of(

@@ -130,7 +130,7 @@ def read(path: Path, flux_from: FluxFrom = "header") -> RaySet:
                 f"{start + rays * width * 4} bytes, but the file has {size}; {_AGAIN}"
             )
     table: Floats = np.memmap(path, "<f4", "r", offset=start, shape=(rays, width))
-    columns = {name: table[:, place] for place, name in enumerate(names)}
+    columns = {name: table[:, index] for index, name in enumerate(names)}
     found = _ray_set(path.name, head, columns, spectra, texts)
     radiant = found.flux_unit == "W"
     return with_flux_of(

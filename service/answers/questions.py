@@ -40,13 +40,13 @@ class Questions:
         """Maps, folders and scenes of a folder."""
         name = request.text("folder", None)
         request.finish()
-        place = self.folder.root if name in (None, ".", "") else self.folder.path(name)
-        if not place.is_dir():
+        folder = self.folder.root if name in (None, ".", "") else self.folder.path(name)
+        if not folder.is_dir():
             raise BadRequest(f"files: there is no folder {name!r}")
         rows = []
-        with self.folder.holding(place) as held:
+        with self.folder.holding(folder) as held:
             names = held.names()
-        for path in (place / name for name in names[:_MOST_FILES]):
+        for path in (folder / name for name in names[:_MOST_FILES]):
             if not self.folder.serves(path):
                 continue
             kinds = {SUFFIX: "map", ".toml": "scene"}

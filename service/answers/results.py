@@ -99,5 +99,5 @@ def _checked(model: type[Model], told: Any) -> dict[str, Any]:
     try:
         return model.model_validate(told).model_dump()
     except ValidationError as error:
-        place = ".".join(str(part) for part in error.errors()[0]["loc"])
-        raise RayMapError(f"the process that did it answered nonsense ({place})") from None
+        where = ".".join(str(part) for part in error.errors()[0]["loc"])
+        raise RayMapError(f"the process that did it answered nonsense ({where})") from None

@@ -58,7 +58,7 @@ class Disk:
         """Bytes that may still be written; negative where it is too much already."""
         with self._lock:
             used = sum(self._kept.values())
-            used += sum(_grown(place, before) for place, before in self._written)
+            used += sum(_grown(path, before) for path, before in self._written)
         free = shutil.disk_usage(self.root).free - self.limits.spare_bytes
         return min(self.limits.disk_bytes - used, free)
 
@@ -142,24 +142,24 @@ class Disk:
                 "read: repair it, or remove it to begin at nothing"
             ) from None
         for name, before in rows.items():
-            place = self.root / name
+            path = self.root / name
             with suppress(OSError):
-                size = place.lstat().st_size
-                self._kept[place] = max(_LEAST_FILE, size - before)
-                self._before[place] = before
+                size = path.lstat().st_size
+                self._kept[path] = max(_LEAST_FILE, size - before)
+                self._before[path] = before
 
     def _forget_removed(self) -> None:
         """What its owner removed makes room again."""
-        for place in [place for place in self._kept if not place.exists()]:
-            del self._kept[place]
-            self._before.pop(place, None)
+        for path in [path for path in self._kept if not path.exists()]:
+            del self._kept[path]
+            self._before.pop(path, None)
 
     def _note(self) -> None:
         """Write down what counts, so that the next service knows it."""
         self._forget_removed()
-        files = {place: self._before.get(place, 0) for place in self._kept}
+        files = {path: self._before.get(path, 0) for path in self._kept}
         files |= dict(self._written)
-        rows = {place.relative_to(self.root).as_posix(): size for place, size in files.items()}
+        rows = {path.relative_to(self.root).as_posix(): size for path, size in files.items()}
         beside = f"{LEDGER}.{secrets.token_hex(4)}"
         try:
             with self.folder.holding(self.root) as held:

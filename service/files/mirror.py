@@ -28,8 +28,8 @@ class SceneMirror:
     most_bytes : that all of them together may have
     """
 
-    def __init__(self, folder: ServedFolder, place: Path, most_bytes: int) -> None:
-        self.folder, self.place, self.most = folder, Path(os.path.realpath(place)), most_bytes
+    def __init__(self, folder: ServedFolder, path: Path, most_bytes: int) -> None:
+        self.folder, self.place, self.most = folder, Path(os.path.realpath(path)), most_bytes
         self._taken: dict[Path, Path] = {}
         self._bytes = 0
 

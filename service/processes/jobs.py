@@ -137,12 +137,12 @@ def _begin(arguments: dict[str, Any], bounds: dict[str, Any], written: list[Path
 
     folder = ServedFolder(arguments["folder"])
     private = Path(tempfile.gettempdir())
-    place = private / "scene"
-    place.mkdir(mode=0o700)
+    mirrored = private / "scene"
+    mirrored.mkdir(mode=0o700)
     caches = [Path(path) for path in (os.environ.get("NUMBA_CACHE_DIR"), cache_folder()) if path]
     limit_process(**bounds)
     read_only_from(folder.root, [private, *caches, *written])
-    return SceneMirror(folder, place, arguments["scene_files_bytes"])
+    return SceneMirror(folder, mirrored, arguments["scene_files_bytes"])
 
 
 def _compile(arguments: dict[str, Any], mirror: SceneMirror) -> Any:

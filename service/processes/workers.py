@@ -336,12 +336,12 @@ def _memory_of(pid: int) -> int:
     """Bytes in memory of a process and its children; 0 where the system does not tell."""
     total, waiting = 0, [pid]
     while waiting:
-        place = f"/proc/{waiting.pop()}"
+        where = f"/proc/{waiting.pop()}"
         try:
-            with open(f"{place}/statm", "rb") as file:
+            with open(f"{where}/statm", "rb") as file:
                 total += int(file.read().split()[1]) * _PAGE
-            for task in os.listdir(f"{place}/task"):
-                with open(f"{place}/task/{task}/children", "rb") as file:
+            for task in os.listdir(f"{where}/task"):
+                with open(f"{where}/task/{task}/children", "rb") as file:
                     waiting += [int(child) for child in file.read().split()]
         except (OSError, ValueError, IndexError):
             continue

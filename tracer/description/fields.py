@@ -58,10 +58,10 @@ class ByWavelength(Node):
 
     def model_post_init(self, context: Any) -> None:
         for values in (self.wavelength_nm, self.value, self.rgb or ()):
-            for place, number in enumerate(values):
+            for index, number in enumerate(values):
                 if not math.isfinite(number):
                     raise ValueError(
-                        f"entry {place + 1} is {number}: a gap; fill it in, or leave the entry out"
+                        f"entry {index + 1} is {number}: a gap; fill it in, or leave the entry out"
                     )
         if self.rgb is None:
             if len(self.wavelength_nm) < 2 or len(self.wavelength_nm) != len(self.value):

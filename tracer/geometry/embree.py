@@ -48,9 +48,9 @@ def _find_library() -> Path:
 
     package = Path(embreex.__file__).parent
     places = (package.parent / "embreex.libs", package / ".dylibs", package / ".libs", package)
-    for place in places:
+    for path in places:
         for pattern in ("libembree4*", "embree4*.dll"):
-            for found in sorted(place.glob(pattern)):
+            for found in sorted(path.glob(pattern)):
                 return found
     raise EmbreeError(
         f"Embree's library was not found beside {package}: meshes cannot be traced; "

@@ -360,8 +360,8 @@ def _corner_normals(
     for row in range(len(triangles)):
         for corner in range(3):
             vertex = triangles[row, corner]
-            for place in range(first[vertex], first[vertex + 1]):
-                other = around[place]
+            for index in range(first[vertex], first[vertex + 1]):
+                other = around[index]
                 cosine = 0.0
                 for k in range(3):
                     cosine += normals[row, k] * normals[other, k]

@@ -155,8 +155,8 @@ def nearest_around(
     best, found = limit, -1
     for corner in range(3):
         vertex = mesh.triangles[row, corner]
-        for place in range(mesh.first_around[vertex], mesh.first_around[vertex + 1]):
-            other = mesh.around[place]
+        for index in range(mesh.first_around[vertex], mesh.first_around[vertex + 1]):
+            other = mesh.around[index]
             if other == row:
                 continue
             t, u, v, crossing = meet_triangle(mesh.corners, other, line)

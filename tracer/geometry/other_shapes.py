@@ -103,7 +103,7 @@ SHAPES: Registry[type[OtherShape]] = Registry(
 )
 
 
-def check_shape(shape: OtherShape, place: str) -> None:
+def check_shape(shape: OtherShape, where: str) -> None:
     """Refuse a shape whose functions do not fit together: rays are sent to where it is drawn.
 
     Raises
@@ -131,14 +131,14 @@ def check_shape(shape: OtherShape, place: str) -> None:
             continue
         met += 1
         point = start + t * d
-        said = f"{place}: its ray from {_shown(start)} along {_shown(d)} meets {_shown(point)}, "
+        said = f"{where}: its ray from {_shown(start)} along {_shown(d)} meets {_shown(point)}, "
         if not (np.all(point >= low - margin) and np.all(point <= high + margin)):
             raise SceneError(f"{said}outside its box")
         n = np.array(normal(own, *point.tolist()), float)
         if not abs(float(n @ n) - 1.0) < 1e-6:
             raise SceneError(f"{said}where its normal is {_shown(n)}, no unit vector")
     if not met:
-        raise SceneError(f"{place}: no ray meets it where it is drawn; its functions do not fit")
+        raise SceneError(f"{where}: no ray meets it where it is drawn; its functions do not fit")
 
 
 def _shown(vector: Array) -> str:

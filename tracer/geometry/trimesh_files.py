@@ -47,8 +47,8 @@ class _Beside:
         if name not in self.names:
             raise FileNotFoundError(f"{name} is not read")
         if name not in self._known:
-            place = named_file(self.folder, name.strip())
-            self._known[name] = given_bytes(place, "file", SceneError, largest=_LARGEST_BYTES)
+            path = named_file(self.folder, name.strip())
+            self._known[name] = given_bytes(path, "file", SceneError, largest=_LARGEST_BYTES)
         return self._known[name]
 
     __getitem__ = get

@@ -145,15 +145,15 @@ def merge_cad_file(
         where the file cannot be taken, a pattern matches no solid, or a name stands twice
     """
     path = named_file(folder, model.file)
-    place = f"{origin}: cad_files.{name}"
+    where = f"{origin}: cad_files.{name}"
     solids = read_cad(path)
     names = [solid.name for solid in solids]
-    chosen = _matching(model.use, names, f"{place}.use")
-    chosen -= _matching(model.leave_out, names, f"{place}.leave_out")
+    chosen = _matching(model.use, names, f"{where}.use")
+    chosen -= _matching(model.leave_out, names, f"{where}.leave_out")
     for pattern, part in model.bodies.items():
-        matched = _matching([pattern], names, f"{place}.bodies")
-        _check_faces(part.faces, [s for s in solids if s.name in matched], f"{place}.bodies")
-    _check_faces(model.faces, [s for s in solids if s.name in chosen], place)
+        matched = _matching([pattern], names, f"{where}.bodies")
+        _check_faces(part.faces, [s for s in solids if s.name in matched], f"{where}.bodies")
+    _check_faces(model.faces, [s for s in solids if s.name in chosen], where)
     digest = _digest(str(path), path.stat().st_mtime_ns)
     present = tree.setdefault("bodies", {})
     diffuse = _diffuse_surfaces(tree)
@@ -162,7 +162,7 @@ def merge_cad_file(
         if solid.name not in chosen:
             continue
         if full in present:
-            raise SceneError(f"{place}: there is a body {full!r} in the scene already; rename it")
+            raise SceneError(f"{where}: there is a body {full!r} in the scene already; rename it")
         unit = length_scale("mm", tree.get("length_unit", "mm"))
         present[full] = _body(solid, model, str(path.resolve()), digest, unit, diffuse)
 
@@ -251,7 +251,7 @@ def _spread(faces: dict[str, str], known: set[str]) -> dict[str, str]:
     }
 
 
-def _matching(patterns: Iterable[str], names: list[str], place: str) -> set[str]:
+def _matching(patterns: Iterable[str], names: list[str], where: str) -> set[str]:
     found: set[str] = set()
     for pattern in patterns:
         wanted = Wildcard(pattern, escapes=False)
@@ -259,21 +259,21 @@ def _matching(patterns: Iterable[str], names: list[str], place: str) -> set[str]
         if not matched:
             near = difflib.get_close_matches(pattern, names, n=3, cutoff=0.4) or names[:8]
             raise SceneError(
-                f"{place}: the file has no solid {pattern!r}; it has {', '.join(near)} (raymap "
+                f"{where}: the file has no solid {pattern!r}; it has {', '.join(near)} (raymap "
                 "faces lists all)"
             )
         found |= matched
     return found
 
 
-def _check_faces(faces: dict[str, str], solids: list[CadSolid], place: str) -> None:
+def _check_faces(faces: dict[str, str], solids: list[CadSolid], where: str) -> None:
     known = [face.name for solid in solids for face in solid.faces]
     for pattern in faces:
         wanted = Wildcard(pattern, escapes=False)
         if not any(wanted.matches(name) for name in known):
             near = difflib.get_close_matches(pattern, known, n=3, cutoff=0.4) or known[:8]
             raise SceneError(
-                f"{place}.faces.{pattern}: no solid has such a face; there are {', '.join(near)} "
+                f"{where}.faces.{pattern}: no solid has such a face; there are {', '.join(near)} "
                 "(raymap faces lists all)"
             )
 

@@ -51,7 +51,7 @@ def medium_of_glass(
     *,
     makers: tuple[str, ...] = (),
     given: Mapping[str, str] | None = None,
-    place: str = "",
+    where: str = "",
 ) -> tuple[str, dict[str, Any]]:
     """A name for the medium, and its table in a scene (empty: the scene has that medium itself).
 
@@ -60,7 +60,7 @@ def medium_of_glass(
     makers : catalogues in the order in which the file looks glasses up
     given : what the user says that a name means: another glass, or a medium of the scene ("": the
         scene has a medium of this very name)
-    place : file and surface, for messages
+    where : file and surface, for messages
 
     Raises
     ------
@@ -87,12 +87,12 @@ def medium_of_glass(
             }
         }
     catalogues = tuple(name for name in (glass.maker, *makers) if name)
-    found = _chosen(glass, catalogues, place)
+    found = _chosen(glass, catalogues, where)
     if found is None:
         for twin, why in _twins(glass.name):
             found = _in_catalogues(twin, catalogues) or find_shipped(twin)
             if found is not None:
-                _warn(f"{place}: glass {glass.name!r} is taken for {_full_name(found)}: {why}")
+                _warn(f"{where}: glass {glass.name!r} is taken for {_full_name(found)}: {why}")
                 break
     found = found or _look_further(glass.name)
     code = re.fullmatch(r"(\d{3})(\d{3})", glass.name)
@@ -101,7 +101,7 @@ def medium_of_glass(
     if found is None and glass.said is not None and glass.said[0] > 1.0:
         index, abbe = glass.said
         _warn(
-            f"{place}: no catalogue has the glass {glass.name!r}; it is taken for a model glass of "
+            f"{where}: no catalogue has the glass {glass.name!r}; it is taken for a model glass of "
             f"index {index:g} and Abbe number {abbe:g}, which the file gives"
         )
         return _model(index, abbe)
@@ -110,7 +110,7 @@ def medium_of_glass(
         names = f"; the nearest names are {', '.join(near)}" if near else ""
         more = "" if util.find_spec("opticalglass") else _EXTRA
         raise SceneError(
-            f"{place}: no catalogue has the glass {glass.name!r}{names}; name what to take in a "
+            f"{where}: no catalogue has the glass {glass.name!r}{names}; name what to take in a "
             f'scene file: [lens_files.NAME] with glasses = {{ "{glass.name}" = "N-BK7" }}, '
             f'or give it as [media."{glass.name}"]{more}'
         )
@@ -128,7 +128,7 @@ def _model(index: float, abbe: float) -> tuple[str, dict[str, Any]]:
     return f"glass {index:.5g} {abbe:.4g}", {"cauchy": _cauchy(index, abbe)}
 
 
-def _chosen(glass: GlassName, catalogues: tuple[str, ...], place: str) -> Glass | None:
+def _chosen(glass: GlassName, catalogues: tuple[str, ...], where: str) -> Glass | None:
     """The glass that a name means in a file of these catalogues; None where none has it."""
     listed = _in_catalogues(glass.name, catalogues)
     known = _everywhere(glass.name)
@@ -140,24 +140,24 @@ def _chosen(glass: GlassName, catalogues: tuple[str, ...], place: str) -> Glass 
         assert found is not None
         if not said and glass.said is not None:
             _warn(
-                f"{place}: {_full_name(found)} has the index {_at_d(found):.5f} at 587.6 nm, the "
+                f"{where}: {_full_name(found)} has the index {_at_d(found):.5f} at 587.6 nm, the "
                 f"file gives {glass.said[0]:g} for {glass.name!r}; the catalogue's is taken"
             )
         elif catalogues and listed is None:
-            _warn(f"{place}: glass {glass.name!r} is taken for {_full_name(found)}, by its index")
+            _warn(f"{where}: glass {glass.name!r} is taken for {_full_name(found)}, by its index")
         return found
     if not known:
         return None
     if any(abs(_at_d(other) - _at_d(known[0])) > _LIKE for other in known[1:]):
         names = ", ".join(f"{_full_name(other)} ({_at_d(other):.4f})" for other in known)
         raise SceneError(
-            f"{place}: the glass {glass.name!r} may be {names}, and no catalogue that the file "
+            f"{where}: the glass {glass.name!r} may be {names}, and no catalogue that the file "
             "names decides; say which in a scene file: [lens_files.NAME] with glasses = "
             f'{{ "{glass.name}" = "{_full_name(known[0])}" }}'
         )
     if catalogues and known[0].maker:
         _warn(
-            f"{place}: glass {glass.name!r} is taken from {known[0].maker}; the catalogues of the "
+            f"{where}: glass {glass.name!r} is taken from {known[0].maker}; the catalogues of the "
             f"file ({', '.join(catalogues)}) do not have it"
         )
     return known[0]

@@ -102,7 +102,7 @@ class ImportedLens:
                     surface.glass,
                     makers=self.prescription.catalogues,
                     given=dict.fromkeys(self.known, "") | self.given,
-                    place=f"{self.prescription.origin}: surface {surface.number}",
+                    where=f"{self.prescription.origin}: surface {surface.number}",
                 )
         return found
 

@@ -133,7 +133,7 @@ class LensTracer:
                 f"an emission became {branches.max():,} rays; give trees a smaller depth, or stop "
                 "branches earlier with min_flux"
             )
-        place = np.arange(len(emission)) - np.repeat(np.cumsum(branches) - branches, branches)
+        index = np.arange(len(emission)) - np.repeat(np.cumsum(branches) - branches, branches)
         owner = source[emission - first]
         color = channel[emission - first]
         return Portion(
@@ -153,7 +153,7 @@ class LensTracer:
             descriptor_count=count,
             descriptors=descriptors,
             first_ray=first * LensTreeTrace.max_branches,
-            ray_ids=emission * LensTreeTrace.max_branches + place,
+            ray_ids=emission * LensTreeTrace.max_branches + index,
             weight=flux.astype(np.float32),
             emission=emission * LensTreeTrace.max_branches,
             extra={"optical_path": self._paths(counts, position, medium, np.repeat(color, counts))},

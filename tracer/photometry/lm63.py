@@ -106,7 +106,7 @@ def _edition(first: str) -> int:
 
 def _factor(name: str, edition: int, numbers: NDArray[np.float64]) -> float:
     """What candela values are multiplied by."""
-    multiplier, ballast, third = (float(numbers[place]) for place in (2, 10, 11))
+    multiplier, ballast, third = (float(numbers[index]) for index in (2, 10, 11))
     factor = multiplier * ballast
     if edition < 1995:
         factor *= third or 1.0
@@ -133,8 +133,8 @@ def _numbers(name: str, lines: list[str], first: int) -> NDArray[np.float64]:
     return np.array(found)
 
 
-def _count(name: str, numbers: NDArray[np.float64], place: int, what: str) -> int:
-    value = numbers[place] if len(numbers) > place else 0.0
+def _count(name: str, numbers: NDArray[np.float64], index: int, what: str) -> int:
+    value = numbers[index] if len(numbers) > index else 0.0
     if not (1 <= value <= _MOST_ANGLES and value == int(value)):
         raise SceneError(f"{name}: {value:g} {what}")
     return int(value)

@@ -152,18 +152,18 @@ def _warn_of_surfaces(compilation: Compilation) -> None:
     for k, surface in enumerate(directory.surfaces):
         if k not in used:
             continue
-        place = f"{compilation.scene.origin}: surfaces.{surface.name}"
+        where = f"{compilation.scene.origin}: surfaces.{surface.name}"
         law = None if stated is None else stated.surfaces[k]
         if law is None:
             warnings.warn(
-                f"{place}: its law is not known to polarised light: what leaves it counts as "
+                f"{where}: its law is not known to polarised light: what leaves it counts as "
                 "unpolarised",
                 UnpolarisedSurface,
                 stacklevel=4,
             )
         elif isinstance(law, TableLaw) and len(law.angle_deg) > 1 and not law.reflectance_s:
             warnings.warn(
-                f"{place}.coating: its table is of natural light, so s and p are treated alike; "
+                f"{where}.coating: its table is of natural light, so s and p are treated alike; "
                 "give reflectance_s, reflectance_p, transmittance_s and transmittance_p",
                 UnpolarisedSurface,
                 stacklevel=4,
@@ -178,9 +178,9 @@ def _name_triangles(
     for row in np.flatnonzero(arrays.face_i[:, F_KIND] == MESH).tolist():
         met, triangle = arrays.face_i[row, F_OBJECT], arrays.face_i[row, F_TRIANGLE]
         of_object = slice(int(table.first_face[met]), int(table.first_face[met + 1]))
-        [place] = np.flatnonzero(table.first_primitive[of_object] == triangle)
+        [index] = np.flatnonzero(table.first_primitive[of_object] == triangle)
         start = first[met] + triangle
-        face[start : start + table.primitive_count[of_object][place]] = row
+        face[start : start + table.primitive_count[of_object][index]] = row
 
 
 class PolarizedWavefront:

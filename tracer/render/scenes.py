@@ -53,12 +53,12 @@ def _refused(scene: Scene, key: str, message: str) -> SceneError:
     return SceneError(f"{scene.origin}: {key}: {message}")
 
 
-def _refuse_ignored(scene: Scene, place: str, model: Node, obeyed: set[str]) -> None:
+def _refuse_ignored(scene: Scene, where: str, model: Node, obeyed: set[str]) -> None:
     """Refuse a key that is set to something else than its default and would have no effect."""
     for name in sorted(model.model_fields_set - obeyed):
         field = type(model).model_fields.get(name)
         if field is None or getattr(model, name) != field.get_default(call_default_factory=True):
-            raise _refused(scene, f"{place}.{name}", "has no effect in a picture of crystals")
+            raise _refused(scene, f"{where}.{name}", "has no effect in a picture of crystals")
 
 
 def _medium(scene: Scene, name: str, axis: Array | None) -> Crystal:
@@ -80,11 +80,11 @@ def _medium(scene: Scene, name: str, axis: Array | None) -> Crystal:
     return isotropic(index, name=name, kappa=_extinction(model, place))
 
 
-def _extinction(model: MediumModel, place: str) -> Callable[[float], float]:
+def _extinction(model: MediumModel, where: str) -> Callable[[float], float]:
     """Kappa of an absorption coefficient mu [1/mm]: mu lambda / 4 pi."""
 
     def kappa(wavelength_nm: float) -> float:
-        at = At(wavelengths_nm=np.array([wavelength_nm]), length_unit="mm", place=place)
+        at = At(wavelengths_nm=np.array([wavelength_nm]), length_unit="mm", place=where)
         mu = float(absorption_coefficient(model, at)[0])
         return mu * wavelength_nm * 1e-6 / (4.0 * np.pi)
 
@@ -92,20 +92,20 @@ def _extinction(model: MediumModel, place: str) -> Callable[[float], float]:
 
 
 def _body(scene: Scene, name: str, body: Body) -> CrystalBody:
-    place = f"bodies.{name}"
+    where = f"bodies.{name}"
     if body.medium is None:
-        raise _refused(scene, f"{place}.medium", "every body is a solid in a picture of crystals")
+        raise _refused(scene, f"{where}.medium", "every body is a solid in a picture of crystals")
     for surface in {body.surface, *body.faces.values()} - {None}:
         model = scene.surfaces.get(surface or "")
         if model is None or model.kind != "dielectric" or model.model_fields_set - {"kind"}:
             raise _refused(
                 scene,
-                f"{place}.surface",
+                f"{where}.surface",
                 f"{surface!r} is not a bare dielectric, as pictures of crystals need",
             )
     if not isinstance(body, RhombBody | BoxBody | PrismBody | MeshBody):
-        raise _refused(scene, f"{place}.kind", f"pictures take bodies of kind {_BODIES}")
-    _refuse_ignored(scene, place, body, _OF_BODIES)
+        raise _refused(scene, f"{where}.kind", f"pictures take bodies of kind {_BODIES}")
+    _refuse_ignored(scene, where, body, _OF_BODIES)
     medium = _medium(scene, body.medium, body.crystal_axis())
     if isinstance(body, MeshBody):
         from tracer.geometry.mesh_files import load_mesh

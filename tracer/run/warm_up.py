@@ -84,8 +84,8 @@ def _faces_of(face_i: NDArray[np.int64], portion: Portion) -> NDArray[np.int64]:
     order = np.argsort(names, kind="stable")
     names, analytic = names[order], analytic[order]
     own = portion.object.astype(np.int64) << 32 | portion.triangle
-    place = np.minimum(np.searchsorted(names, own), len(names) - 1)
-    return np.where(names[place] == own, analytic[place], -1)
+    index = np.minimum(np.searchsorted(names, own), len(names) - 1)
+    return np.where(names[index] == own, analytic[index], -1)
 
 
 def warm_up(directory: Directory, channel_set: ChannelSet, encoder: PortionEncoder | None) -> None:

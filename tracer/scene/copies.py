@@ -53,7 +53,7 @@ class CopiesModel(Node):
 
 
 def with_copies(
-    entries: dict[str, Any], name: str, copies: CopiesModel, place: str
+    entries: dict[str, Any], name: str, copies: CopiesModel, where: str
 ) -> dict[str, Any]:
     """The tables with one of them replaced by its copies, in its place in the order.
 
@@ -61,7 +61,7 @@ def with_copies(
     ----------
     entries : tables by name, as the scene file holds them
     name : of the table to copy
-    place : where it stands, for messages
+    where : where it stands, for messages
 
     Raises
     ------
@@ -76,21 +76,21 @@ def with_copies(
         copy = dict(original)
         for key in _PLACES:
             if key in copy:
-                copy[key] = _shifted(copy[key], shift, f"{place}.{key}")
+                copy[key] = _shifted(copy[key], shift, f"{where}.{key}")
         made[f"{name}_{ending}"] = copy
     for taken in made:
         if taken in entries:
-            raise SceneError(f"{place}.copies: makes {taken!r}, which is there already; rename it")
+            raise SceneError(f"{where}.copies: makes {taken!r}, which is there already; rename it")
     found: dict[str, Any] = {}
     for key, value in entries.items():
         found |= made if key == name else {key: value}
     return found
 
 
-def _shifted(value: Any, shift: Vector, place: str) -> list[float]:
+def _shifted(value: Any, shift: Vector, where: str) -> list[float]:
     numbers = isinstance(value, list | tuple) and all(
         isinstance(x, int | float) and not isinstance(x, bool) for x in value
     )
     if not numbers or len(value) != 3:
-        raise SceneError(f"{place}: must be three numbers")
+        raise SceneError(f"{where}: must be three numbers")
     return [x + d for x, d in zip(value, shift, strict=True)]

@@ -20,7 +20,10 @@ def inputs_of(scene: Scene, compiled: Mapping[str, Path] | None = None) -> tuple
     ----------
     compiled : files that were read while it was compiled, beside those of its description
     """
-    files = {**{name: Path(place) for name, place in scene.files.items()}, **(compiled or {})}
+    files = {
+        **{name: Path(path) for name, path in scene.files.items()},
+        **(compiled or {}),
+    }
     found: dict[str, InputFile] = {}
     for name, path in sorted(files.items()):
         shown = PurePath(name).name if PurePath(name).is_absolute() else PurePath(name).as_posix()

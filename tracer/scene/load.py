@@ -243,41 +243,41 @@ def _table(tree: dict[str, Any], key: str, origin: str) -> dict[str, Any]:
 
 
 def _of_kind(
-    kinds: Registry[type[Model]], what: str, entry: dict[str, Any], place: str, origin: str
+    kinds: Registry[type[Model]], what: str, entry: dict[str, Any], where: str, origin: str
 ) -> Model:
     """An entry that says of which kind it is."""
     kind = entry.get("kind")
     if kind is None:
-        raise SceneError(f"{origin}: {place}: kind is missing; one of {', '.join(kinds)}")
+        raise SceneError(f"{origin}: {where}: kind is missing; one of {', '.join(kinds)}")
     if not isinstance(kind, str) or kind not in kinds:
         raise SceneError(
-            f"{origin}: {place}.kind: there is no {what} {kind!r}{kinds.nearest(str(kind))}"
+            f"{origin}: {where}.kind: there is no {what} {kind!r}{kinds.nearest(str(kind))}"
         )
-    return _validated(kinds[kind], entry, place, origin)
+    return _validated(kinds[kind], entry, where, origin)
 
 
 def _with_copies(entries: dict[str, Any], table: str, origin: str) -> dict[str, Any]:
     """Tables that ask for copies of themselves, replaced by these."""
     for name, entry in list(entries.items()):
         if isinstance(entry, dict) and "copies" in entry:
-            place = f"{table}.{name}"
-            model = _validated(CopiesModel, entry["copies"], f"{place}.copies", origin)
-            entries = with_copies(entries, name, model, f"{origin}: {place}")
+            where = f"{table}.{name}"
+            model = _validated(CopiesModel, entry["copies"], f"{where}.copies", origin)
+            entries = with_copies(entries, name, model, f"{origin}: {where}")
     return entries
 
 
-def _validated(model: type[Model], entry: Any, place: str, origin: str) -> Model:
+def _validated(model: type[Model], entry: Any, where: str, origin: str) -> Model:
     try:
         return model.model_validate(entry)
     except ValidationError as error:
-        raise SceneError(f"{origin}: {_first_line(error, model, place)}") from None
+        raise SceneError(f"{origin}: {_first_line(error, model, where)}") from None
     except ArithmeticError:
         raise SceneError(
-            f"{origin}: {place}: its numbers are too large or too small to compute with"
+            f"{origin}: {where}: its numbers are too large or too small to compute with"
         ) from None
 
 
-def _first_line(error: ValidationError, model: type[BaseModel], place: str) -> str:
+def _first_line(error: ValidationError, model: type[BaseModel], where: str) -> str:
     """The first complaint as 'key: what is wrong; remedy'."""
     # A misspelt key is reported before the key that it leaves missing.
     problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
@@ -287,7 +287,7 @@ def _first_line(error: ValidationError, model: type[BaseModel], place: str) -> s
     for part in parts[:-1]:
         inner = [m.model_fields[part].annotation for m in models if part in m.model_fields]
         models = [found for item in inner for found in _models_in(item)] if inner else models
-    key = ".".join(part for part in [place, *parts] if part and part not in _TAGS)
+    key = ".".join(part for part in [where, *parts] if part and part not in _TAGS)
     if problem["type"] == "extra_forbidden":
         if issubclass(model, Body) and (parts[-1] in MEDIUM_KEYS or parts[-1] == "scattering"):
             return (

@@ -38,24 +38,24 @@ def resolve_bodies(scene: Scene) -> dict[str, Body]:
     bodies: dict[str, Body] = {}
     behind: dict[str, str] = {}
     for name, body in scene.bodies.items():
-        place = f"{scene.origin}: bodies.{name}"
+        where = f"{scene.origin}: bodies.{name}"
         if isinstance(body, LensBody) and body.front.cemented is not None:
             partner = lenses.get(body.front.cemented)
             if partner is None or partner is body:
                 raise SceneError(
-                    f"{place}.front.cemented: there is no lens {body.front.cemented!r} before "
+                    f"{where}.front.cemented: there is no lens {body.front.cemented!r} before "
                     f"it{nearest_names(body.front.cemented, lenses)}"
                 )
             circle = _circle(name, lenses)
             if circle:
                 raise SceneError(
-                    f"{place}.front.cemented: the lenses {' and '.join(map(repr, circle))} are "
+                    f"{where}.front.cemented: the lenses {' and '.join(map(repr, circle))} are "
                     "cemented in a circle; one of them needs a front of its own"
                 )
             other = behind.setdefault(body.front.cemented, name)
             if other != name:
                 raise SceneError(
-                    f"{place}.front.cemented: the back of {body.front.cemented!r} is cemented to "
+                    f"{where}.front.cemented: the back of {body.front.cemented!r} is cemented to "
                     f"{other!r} already; a face joins two lenses"
                 )
             origin, frame = partner.frame()
@@ -63,14 +63,14 @@ def resolve_bodies(scene: Scene) -> dict[str, Body]:
             gap = float(np.linalg.norm(np.array(body.position) - vertex))
             if gap > 1e-9 or not np.allclose(frame, body.frame()[1], atol=1e-12):
                 raise SceneError(
-                    f"{place}.position: the cemented front lies {gap:.4g} away from the back of "
+                    f"{where}.position: the cemented front lies {gap:.4g} away from the back of "
                     f"{body.front.cemented!r} or is turned; put it at {vertex.tolist()}"
                 )
             shape = partner.back.model_copy(update={"cemented": body.front.cemented})
             body = body.model_copy(update={"front": shape})
         problems = [*body.problems(), *_idle(body)]
         if problems:
-            raise SceneError(f"{place}.{problems[0]}")
+            raise SceneError(f"{where}.{problems[0]}")
         bodies[name] = body
     check_lenses(bodies, scene.origin)
     return bodies

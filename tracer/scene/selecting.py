@@ -52,17 +52,17 @@ def select_parts(
         for a pattern that matches nothing, with the nearest names
     """
     names = {kind: list(tree.get(kind, {})) for kind in KINDS}
-    place = f"simulations.{simulation}." if simulation else ""
+    where = f"simulations.{simulation}." if simulation else ""
     taken = {kind: set(known) for kind, known in names.items()}
     patterns = tuple(use or ())
     spoken: dict[str, set[str]] = {}
     for pattern in patterns:
-        for kind, matched in _matches(pattern, names, f"{origin}: {place}use").items():
+        for kind, matched in _matches(pattern, names, f"{origin}: {where}use").items():
             spoken.setdefault(kind, set()).update(matched)
     taken |= spoken
     leave_out = tuple(leave_out)
     for pattern in leave_out:
-        for kind, matched in _matches(pattern, names, f"{origin}: {place}leave_out").items():
+        for kind, matched in _matches(pattern, names, f"{origin}: {where}leave_out").items():
             taken[kind] = taken[kind] - matched
     left_out = {}
     for kind, known in names.items():
@@ -73,7 +73,7 @@ def select_parts(
     return Selecting(simulation=simulation, use=patterns, leave_out=leave_out, left_out=left_out)
 
 
-def _matches(pattern: str, names: Mapping[str, list[str]], place: str) -> dict[str, set[str]]:
+def _matches(pattern: str, names: Mapping[str, list[str]], where: str) -> dict[str, set[str]]:
     """Names of each kind that a pattern means; kinds of which it means none are left away."""
     wanted = Wildcard(pattern, escapes=False)
     found = {
@@ -85,7 +85,7 @@ def _matches(pattern: str, names: Mapping[str, list[str]], place: str) -> dict[s
         near = difflib.get_close_matches(pattern, every, n=2, cutoff=0.5)
         hint = f"; did you mean {' or '.join(map(repr, near))}?" if near else ""
         raise SceneError(
-            f"{place}: no body, source or detector is called {pattern!r}{hint or '; there are '}"
+            f"{where}: no body, source or detector is called {pattern!r}{hint or '; there are '}"
             + ("" if hint else ", ".join(every))
         )
     return found

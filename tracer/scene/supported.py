@@ -39,11 +39,11 @@ def require_plain_scene(compilation: Compilation, engine: str) -> None:
     SceneError
         naming the source or detector
     """
-    place = compilation.scene.origin
+    where = compilation.scene.origin
     for detector in compilation.directory.detectors:
         if detector.kind != "plane":
             raise SceneError(
-                f"{place}: detectors.{detector.name}: {engine} knows planes only; record the scene "
+                f"{where}: detectors.{detector.name}: {engine} knows planes only; record the scene "
                 "with the general engine"
             )
     rows = compilation.arrays.source_i
@@ -51,7 +51,7 @@ def require_plain_scene(compilation: Compilation, engine: str) -> None:
     for k, (name, model) in enumerate(compilation.scene.sources.items()):
         if model.on and measured[k]:
             raise SceneError(
-                f"{place}: sources.{name}: {engine} does not know light of kind {model.kind!r}; "
+                f"{where}: sources.{name}: {engine} does not know light of kind {model.kind!r}; "
                 "record the scene with the general engine"
             )
 

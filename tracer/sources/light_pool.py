@@ -125,9 +125,9 @@ class LightPool:
             raise SceneError("the picture is black everywhere")
         running = np.cumsum(flux.ravel())
         colors = channels / np.where(flux > 0.0, flux, 1.0)[:, :, None]
-        place = self._add(np.array([width, height]), running / running[-1], colors)
-        self.means[place] = channels.sum(axis=(0, 1)) / flux.sum()
-        return place
+        first = self._add(np.array([width, height]), running / running[-1], colors)
+        self.means[first] = channels.sum(axis=(0, 1)) / flux.sum()
+        return first
 
     def _basis(self) -> Array:
         """(3, C) light in the channels of one unit of R, G and B."""
@@ -164,11 +164,11 @@ class LightPool:
         running = np.zeros(0) if even else np.cumsum(light.flux) / light.flux.sum()
         palette = self.size + 7 + pattern + len(running)
         head = [first_row, n, even, light.in_order, len(turns), pattern, palette]
-        place = self._add(np.array(head, float), ranks, running, light.palette)
+        first = self._add(np.array(head, float), ranks, running, light.palette)
         if (light.color != -1).all():
             shares = self._shares(light)
-            self.means[place] = light.flux @ shares / light.flux.sum()
-        return place
+            self.means[first] = light.flux @ shares / light.flux.sum()
+        return first
 
     def _shares(self, light: PooledList) -> Array:
         """(n, C) colours of rays that have one."""

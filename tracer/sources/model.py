@@ -158,13 +158,13 @@ class SourceModel(Source):
         """Cosine that limits its directions."""
         return math.cos(math.radians(self.cone_deg or self.widest_deg))
 
-    def measured(self, folder: Any, place: str) -> IntensityGrid | RayList:
+    def measured(self, folder: Any, where: str) -> IntensityGrid | RayList:
         """The table or list of a source of kind ``intensity`` or ``rays``.
 
         Raises
         ------
         SceneError
-            naming ``place`` where the file or table makes no such source
+            naming ``where`` where the file or table makes no such source
         """
         from tracer.light import read_light
 
@@ -177,8 +177,8 @@ class SourceModel(Source):
                 assert self.light is not None
                 light = self.light
         except SceneError as error:
-            raise SceneError(f"{place}: {error}") from None
+            raise SceneError(f"{where}: {error}") from None
         if isinstance(light, RayList) != (self.kind == "rays"):
             other = "rays" if isinstance(light, RayList) else "intensity"
-            raise SceneError(f"{place}.kind: {light.name} makes a source of kind {other!r}")
+            raise SceneError(f"{where}.kind: {light.name} makes a source of kind {other!r}")
         return light

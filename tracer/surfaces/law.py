@@ -191,7 +191,7 @@ def towards_by_law(optics: Optics, hit: Hit, x: float, y: float, z: float, out: 
 
 
 def check_law(
-    law: Law, own: F64, n1: float, n2: float, channels: int, place: str, *, draws: int = 64
+    law: Law, own: F64, n1: float, n2: float, channels: int, where: str, *, draws: int = 64
 ) -> None:
     """Refuse a law that sends on more light than arrives, or whose functions do not fit together.
 
@@ -207,18 +207,18 @@ def check_law(
         for u in points:
             x, y, z = sample(own, *w, n1, n2, *u)
             if abs(x * x + y * y + z * z - 1.0) > 1e-6:
-                raise SceneError(f"{place}: its law draws ({x:g}, {y:g}, {z:g}), no unit vector")
+                raise SceneError(f"{where}: its law draws ({x:g}, {y:g}, {z:g}), no unit vector")
             density = pdf(own, *w, x, y, z, n1, n2)
             if not density > 0.0:
                 raise SceneError(
-                    f"{place}: its law draws a direction at {angle:g} degrees of incidence that "
+                    f"{where}: its law draws a direction at {angle:g} degrees of incidence that "
                     f"has the density {density:g}"
                 )
             for channel in range(channels):
                 share = evaluate(own, *w, x, y, z, n1, n2, channel) * abs(z) / density
                 if not 0.0 <= share <= 1.0 + 1e-9:
                     raise SceneError(
-                        f"{place}: at {angle:g} degrees of incidence its law sends on {share:.4g} "
+                        f"{where}: at {angle:g} degrees of incidence its law sends on {share:.4g} "
                         f"times the light of channel {channel}; BSDF cos / density must lie "
                         "between 0 and 1"
                     )

@@ -21,8 +21,8 @@ def metal_reflectance(
     metal = optics.surface_i[surface, S_METAL]
     if metal < 0:
         return float(optics.surface_f[surface, SURFACE_ROW + channel])
-    place = metal + 2 * channel
-    n, k = optics.tables[place], optics.tables[place + 1]
+    first = metal + 2 * channel
+    n, k = optics.tables[first], optics.tables[first + 1]
     return fresnel_conductor(optics.medium_f[medium, channel], n, k, cosine)
 
 

@@ -59,8 +59,8 @@ def check_scatter(
     kind, table = scene.surface_i[:, S_KIND], scene.surface_i[:, S_SCATTER]
     lawful = (table >= 0) & np.isin(kind, (MIRROR, DIELECTRIC))
     for surface, medium, other in _sides(scene, lawful):
-        place = f"{origin}: surfaces.{surfaces[surface]}.scatter"
-        _check(scene, surface, medium, other, channels, place)
+        where = f"{origin}: surfaces.{surfaces[surface]}.scatter"
+        _check(scene, surface, medium, other, channels, where)
 
 
 def check_laws(scene: CompiledScene, surfaces: Sequence[tuple[str, Surface]], origin: str) -> None:
@@ -102,7 +102,7 @@ def _sides(scene: CompiledScene, wanted: NDArray[np.bool_]) -> Iterator[tuple[in
 
 
 def _check(
-    scene: CompiledScene, surface: int, medium: int, other: int, channels: Sequence[str], place: str
+    scene: CompiledScene, surface: int, medium: int, other: int, channels: Sequence[str], where: str
 ) -> None:
     """Check a surface for light in ``medium`` with ``other`` beyond it."""
     tables = scene.tables
@@ -129,7 +129,7 @@ def _check(
                         else ("reflects", "reflection", "reflectance")
                     )
                     raise SceneError(
-                        f"{place}: its law scatters {scattered:.4g} of the light in {what} at "
+                        f"{where}: its law scatters {scattered:.4g} of the light in {what} at "
                         f"{angle} degrees in channel {channel}, where the surface {does} "
                         f"{share:.4g} in all; lower the law's amplitude, or raise the {key}"
                     )

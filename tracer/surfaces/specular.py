@@ -166,12 +166,12 @@ def pdf_of_lobe(tables: F64, s: Lobe, x: float, y: float, z: float) -> float:
 
 @inline_kernel
 def _coating(
-    tables: F64 | None, place: int, n1: float, n2: float, cos_i: float
+    tables: F64 | None, index: int, n1: float, n2: float, cos_i: float
 ) -> tuple[float, float]:
     """Reflectance and transmittance from a coating's table."""
     if tables is None:
         return 0.0, 1.0
-    return coating_share(tables, place, n1, n2, cos_i)
+    return coating_share(tables, index, n1, n2, cos_i)
 
 
 @inner_kernel
@@ -180,9 +180,9 @@ def smooth_shares(optics: Optics, at: Interface, channel: int) -> tuple[float, f
     n1, n2 = optics.medium_f[at.medium, channel], optics.medium_f[at.other, channel]
     model = optics.surface_i[at.surface, S_MODEL]
     if model == 2:
-        place = optics.surface_i[at.surface, S_COATING]
-        place += channel * optics.surface_i[at.surface, S_COATING_STEP]
-        return _coating(optics.tables, place, n1, n2, at.cos_i)
+        first = optics.surface_i[at.surface, S_COATING]
+        first += channel * optics.surface_i[at.surface, S_COATING_STEP]
+        return _coating(optics.tables, first, n1, n2, at.cos_i)
     reflectance = fresnel_reflectance(n1, n2, at.cos_i)
     if reflectance < 1.0 and model != 0:
         reflectance = float(optics.surface_f[at.surface, SURFACE_ROW + channel])

@@ -37,10 +37,10 @@ class TablePool:
 
     def add(self, table: ArrayLike) -> int:
         """Put a table into the pool; its place."""
-        place = self._size
+        first = self._size
         self._tables.append(np.asarray(table, np.float64).ravel())
         self._size += len(self._tables[-1])
-        return place
+        return first
 
     def joined(self) -> Array:
         """All of it."""
@@ -155,7 +155,7 @@ class SurfaceRow:
             )
 
 
-def axis_of(given: Sequence[float] | None, place: str) -> tuple[float, float, float]:
+def axis_of(given: Sequence[float] | None, where: str) -> tuple[float, float, float]:
     """The unit vector along a given one.
 
     Raises
@@ -166,7 +166,7 @@ def axis_of(given: Sequence[float] | None, place: str) -> tuple[float, float, fl
     x, y, z = map(float, given or (0.0, 0.0, 0.0))
     length = math.hypot(x, y, z)
     if not (0.0 < length < math.inf):
-        raise SceneError(f"{place}: an axis needs three numbers that are not all zero")
+        raise SceneError(f"{where}: an axis needs three numbers that are not all zero")
     return x / length, y / length, z / length
 
 

@@ -37,9 +37,9 @@ def sort_by_start_bin(live_i: I64, list_of: I64, order: I64, n: int, bins: I64) 
         bins[k] += bins[k - 1]
     for i in range(n):
         key = unsigned(list_of[unsigned(live_i[KEY, i])])
-        place = bins[key]
-        order[unsigned(place)] = i
-        bins[key] = place + 1
+        index = bins[key]
+        order[unsigned(index)] = i
+        bins[key] = index + 1
 
 
 @lean_kernel
@@ -147,14 +147,14 @@ def _keep_beyond(
 @inner_kernel
 def _keep_undecided(
     live_f: F64, live_i: I64, bundle_f: F64, bundle_i: I64, row: Integer, decided: I32, listed: int,
-    place: int, n_faces: int, m: int,
+    index: int, n_faces: int, m: int,
 ) -> int:  # fmt: skip
     """Hand back the rays whose hit is decided at a place of the list, pack the others."""
     kept = 0
     for j in range(m):
         code = bundle_i[1 + row, j]
         i = unsigned(bundle_i[_SLOT, j])
-        if code >= 0 and decided[listed, unsigned(code)] <= place:
+        if code >= 0 and decided[listed, unsigned(code)] <= index:
             live_f[T, i] = bundle_f[DISTANCE + row, j]
             live_i[HIT, i] = code if code < n_faces else code - n_faces
         else:

@@ -36,21 +36,21 @@ def enter_body(stack: int, body: int, body_i: I64) -> int:
     bits = _word_bits(len(body_i))
     word = (1 << bits) - 1
     # Find the first body of no higher priority
-    place = -1
+    index = -1
     shift = 0
     while shift < STACK_BITS and stack >> shift != 0:
         other = ((stack >> shift) & word) - 1
         if other == body:
             return -1
-        if place < 0 and body_i[other, B_PRIORITY] <= body_i[body, B_PRIORITY]:
-            place = shift
+        if index < 0 and body_i[other, B_PRIORITY] <= body_i[body, B_PRIORITY]:
+            index = shift
         shift += bits
     if shift + bits > STACK_BITS:
         return -1
-    if place < 0:
-        place = shift
-    low = stack & ((1 << place) - 1)
-    return low | ((body + 1) << place) | ((stack >> place) << (place + bits))
+    if index < 0:
+        index = shift
+    low = stack & ((1 << index) - 1)
+    return low | ((body + 1) << index) | ((stack >> index) << (index + bits))
 
 
 @inner_kernel

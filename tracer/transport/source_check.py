@@ -63,9 +63,9 @@ def check_sources(
         mine = portion.source == k
         # A solid must be left, or be said to hold the source: all else is rounding at its edge
         bad = np.flatnonzero(mine & wrong & (leaving | bool(model.inside)))
-        place = f"{compilation.scene.origin}: sources.{name}"
+        where = f"{compilation.scene.origin}: sources.{name}"
         if not len(bad):
-            _warn_of_stacks(compilation, portion, k, place)
+            _warn_of_stacks(compilation, portion, k, where)
             continue
         first = _firsts(portion)[bad[0]]
         x, y, z = portion.position[first].tolist()
@@ -80,9 +80,9 @@ def check_sources(
             what += f"example at ({x:.6g}, {y:.6g}, {z:.6g})"
             remedy = "move it in, or drop inside"
         if share > 0.5:
-            raise SceneError(f"{place}: {what}; {remedy}")
+            raise SceneError(f"{where}: {what}; {remedy}")
         warnings.warn(
-            f"{place}: {share:.1%} of its light {what} and ends as a geometry error; {remedy}",
+            f"{where}: {share:.1%} of its light {what} and ends as a geometry error; {remedy}",
             MisplacedLight,
             stacklevel=3,
         )
@@ -94,7 +94,7 @@ def _inside(model: Source, solid: str) -> str:
     return names[0] if len(names) == 1 else f"[{', '.join(names)}]"
 
 
-def _warn_of_stacks(compilation: Compilation, portion: Portion, k: int, place: str) -> None:
+def _warn_of_stacks(compilation: Compilation, portion: Portion, k: int, where: str) -> None:
     """Warn where light leaves, later on, a solid that holds the source and that it never entered.
 
     So does light from a pocket: it leaves the solid in which its source stands, and then the one
@@ -117,7 +117,7 @@ def _warn_of_stacks(compilation: Compilation, portion: Portion, k: int, place: s
         name = compilation.directory.objects[solid].name
         model = list(compilation.scene.sources.values())[k]
         warnings.warn(
-            f"{place}: leaves the solid {name!r} without having entered it, as light that starts "
+            f"{where}: leaves the solid {name!r} without having entered it, as light that starts "
             f"at ({x:.6g}, {y:.6g}, {z:.6g}), and ends there as a geometry error; if {name!r} "
             f"holds the source, say inside = {_inside(model, name)}",
             MisplacedLight,

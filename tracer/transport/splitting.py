@@ -260,29 +260,29 @@ def _gather(split: SplitRays, b: Buffers, kept: int) -> int:
 
 @lean_kernel
 def find_ray_order(
-    b: Buffers, split: SplitRays, n: int, place: I64, start: I64, ray_of: I64, order: I32
+    b: Buffers, split: SplitRays, n: int, index: I64, start: I64, ray_of: I64, order: I32
 ) -> None:
     """Where the rays and records of a finished block of ``n`` emissions go.
 
     Parameters
     ----------
-    place : (n + 1,) set to the first ray of every emission
+    index : (n + 1,) set to the first ray of every emission
     start : (n_rays + 1,) set to the first record of every ray, in the order of the portion
     ray_of : (n_rays,) set to the ray of the block at each place
     order : (n_records,) set to the record of the block at each place
     """
     n_rays = b.counters[RAYS]
-    place[0] = 0
+    index[0] = 0
     for e in range(n):
-        place[e + 1] = place[e] + split.emitted[e]
+        index[e + 1] = index[e] + split.emitted[e]
     # Rays of an emission stand as they came to be; the oldest ones first
     for ray in range(n_rays):
         e = split.rays[EMISSION, ray]
-        ray_of[place[e]] = ray
-        place[e] += 1
+        ray_of[index[e]] = ray
+        index[e] += 1
     for e in range(n, 0, -1):
-        place[e] = place[e - 1]
-    place[0] = 0
+        index[e] = index[e - 1]
+    index[0] = 0
     total = 0
     for k in range(n_rays):
         start[ray_of[k]] = total

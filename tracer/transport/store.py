@@ -99,9 +99,9 @@ def store_block(
         total += count
     for r in range(b.counters[RECORDS]):
         owner = unsigned(owners[r] & (COUNTED - 1))
-        place = ray_i[N_RECORDS, owner]
-        order[unsigned(place)] = r
-        ray_i[N_RECORDS, owner] = place + 1
+        index = ray_i[N_RECORDS, owner]
+        order[unsigned(index)] = r
+        ray_i[N_RECORDS, owner] = index + 1
     copy_records(total, n_sources, b, columns, filled, color_map, order)
     filled[0] = n_rays + n
 
@@ -152,20 +152,20 @@ def copy_records(
         # The records of a ray lie scattered in memory
         prefetch(words, order[unsigned(min(k + _AHEAD, total - 1))])
         r = unsigned(order[k])
-        place = unsigned(n_records + k)
-        columns.position[place, 0] = real[r, X]
-        columns.position[place, 1] = real[r, Y]
-        columns.position[place, 2] = real[r, Z]
+        index = unsigned(n_records + k)
+        columns.position[index, 0] = real[r, X]
+        columns.position[index, 1] = real[r, Y]
+        columns.position[index, 2] = real[r, Z]
         xy, z = words[r, NORMAL_XY], words[r, NORMAL_Z]
-        columns.normal[place, 0] = xy
-        columns.normal[place, 1] = xy >> 16
-        columns.normal[place, 2] = z
-        columns.object[place] = z >> 16
-        columns.triangle[place] = words[r, TRIANGLE]
-        columns.event[place] = words[r, EVENT]
-        columns.medium[place] = words[r, R_MEDIUM]
+        columns.normal[index, 0] = xy
+        columns.normal[index, 1] = xy >> 16
+        columns.normal[index, 2] = z
+        columns.object[index] = z >> 16
+        columns.triangle[index] = words[r, TRIANGLE]
+        columns.event[index] = words[r, EVENT]
+        columns.medium[index] = words[r, R_MEDIUM]
         described = words[r, COUNT]
-        columns.descriptor_count[place] = described
+        columns.descriptor_count[index] = described
         if described > 0:
             _place_descriptors(words, r, crossings, crossing_t, columns, n_descriptors)
             n_descriptors += described
@@ -178,10 +178,10 @@ def copy_records(
                 _quantise(colors, row, columns.color_table, n_colors)
                 n_colors += 1
             code = n_channels + color_map[row]
-        columns.color_code[place] = code
+        columns.color_code[index] = code
         if len(exact) > 0:
             for axis in range(3):
-                columns.exact[place, axis] = exact[r, axis]
+                columns.exact[index, axis] = exact[r, axis]
     filled[1] = n_records + total
     filled[2] = n_descriptors
     filled[3] = n_colors
@@ -189,7 +189,7 @@ def copy_records(
 
 @inner_kernel
 def _place_descriptors(
-    words: I32, r: int, crossings: I32, crossing_t: F64, columns: Columns, place: int
+    words: I32, r: int, crossings: I32, crossing_t: F64, columns: Columns, index: int
 ) -> None:
     """Write the descriptors of one segment by rising distance."""
     count = words[r, COUNT]
@@ -203,7 +203,7 @@ def _place_descriptors(
             tie = crossing_t[other] == crossing_t[d] and other < d
             rank += 1 if before or tie else 0
             other = np.int64(crossings[other, D_PREVIOUS])
-        k = place + rank
+        k = index + rank
         w = crossings[d]
         columns.detector[k] = w[D_DETECTOR]
         columns.cell[k, 0] = w[D_CELL]
@@ -216,18 +216,18 @@ def _place_descriptors(
 
 
 @inner_kernel
-def _quantise(colors: F64, row: int, table: U16, place: int) -> None:
+def _quantise(colors: F64, row: int, table: U16, index: int) -> None:
     """Shares as 16-bit numbers that sum to 65535: rounded down, the rest by largest remainder."""
     n_channels = colors.shape[1]
     rest = 65535
     for k in range(n_channels):
         value = int(colors[row, k] * 65535.0)
-        table[place, k] = value
+        table[index, k] = value
         rest -= value
     for _ in range(rest):
         best, share = 0, -1.0
         for k in range(n_channels):
-            remainder = colors[row, k] * 65535.0 - table[place, k]
+            remainder = colors[row, k] * 65535.0 - table[index, k]
             if remainder > share:
                 best, share = k, remainder
-        table[place, best] += 1
+        table[index, best] += 1

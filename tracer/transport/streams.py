@@ -118,7 +118,7 @@ class _Leg(NamedTuple):
 
 @inner_kernel
 def follow_decided(
-    scene: Faces, b: Buffers, row: Integer, listed: int, place: int, face: int, m: int
+    scene: Faces, b: Buffers, row: Integer, listed: int, index: int, face: int, m: int
 ) -> int:
     """Deal with rays of a bundle whose hit is decided; pack the others and return how many.
 
@@ -137,7 +137,7 @@ def follow_decided(
     for j in range(m):
         hit = bundle_i[BUNDLE_CODE + row, j]
         i = unsigned(bundle_i[BUNDLE_SLOT, j])
-        if hit < 0 or decided[listed, unsigned(hit)] > place:
+        if hit < 0 or decided[listed, unsigned(hit)] > index:
             to = unsigned(kept)
             bundle_i[BUNDLE_SLOT, to] = i
             bundle_i[BUNDLE_OWN, to] = bundle_i[BUNDLE_OWN, j]
@@ -365,12 +365,12 @@ def _start(f: F64, g: I64, face: int, size: int) -> None:
 
 @inner_kernel
 def _keep_met(
-    decided: I32, columns: _Columns, leg: _Leg, listed: int, place: int, size: int
+    decided: I32, columns: _Columns, leg: _Leg, listed: int, index: int, size: int
 ) -> int:
     """Keep the rays whose hit on the face is decided, put back the others."""
     f, g, face = columns.f, columns.g, leg.face
     leaving = face + decided.shape[1] // 2
-    near, far = decided[listed, face] <= place, decided[listed, leaving] <= place
+    near, far = decided[listed, face] <= index, decided[listed, leaving] <= index
     for j in range(size - 1, -1, -1):
         hit = g[BUNDLE_CODE + leg.row, j]
         if not ((hit == face and near) or (hit == leaving and far)):

@@ -310,7 +310,7 @@ class _Brought(NamedTuple):
 
 @inner_kernel
 def _bring(
-    sums: F64, group: int, place: int, slot: int, brought: _Brought, number: int, weight: float,
+    sums: F64, group: int, index: int, slot: int, brought: _Brought, number: int, weight: float,
     worth: float,
 ) -> None:  # fmt: skip
     """Add a weight to a place; the square is that of all that emission ``number`` brings there."""
@@ -318,11 +318,11 @@ def _bring(
     if last[slot] != number:
         last[slot] = number
         part[slot] = 0.0
-        sums[3, group, place] += 1.0
+        sums[3, group, index] += 1.0
     light = weight * worth
-    sums[0, group, place] += weight
-    sums[1, group, place] += light
-    sums[2, group, place] += light * (light + 2.0 * part[slot])
+    sums[0, group, index] += weight
+    sums[1, group, index] += light
+    sums[2, group, index] += light * (light + 2.0 * part[slot])
     part[slot] += light
 
 
@@ -353,16 +353,16 @@ def _add_endings(
             number += 1
         weight = weights[ray] if len(weights) > 0 else 1.0
         bits = points.event[r]
-        place = -1
+        index = -1
         if bits & _SURFACE != 0:
             met = points.object[r]
             ending = _DETECTED if blocking[met] != 0 else _ABSORBED
-            place = met
+            index = met
         elif bits & _LEAVING != 0:
             ending = _LEFT
         elif bits & _VOLUME != 0:
             ending = _ABSORBED
-            place = n_objects + points.medium[r]
+            index = n_objects + points.medium[r]
         elif bits & _STOP != 0:
             ending = _STOPPED
         else:
@@ -370,8 +370,8 @@ def _add_endings(
         s = rays.source[ray]
         y = _worth_of(rays.colors, np.int64(rays.code[r]), worth, s)
         _bring(endings, s, ending, ending, places, number, weight, y)
-        if place >= 0:
-            _bring(taken, group[s], place, n_classes + place, places, number, weight, y)
+        if index >= 0:
+            _bring(taken, group[s], index, n_classes + index, places, number, weight, y)
     return number
 
 
@@ -404,28 +404,28 @@ def _add_crossings(
                     code = np.int64(rays.code[record])
                     y = _worth_of(rays.colors, code, worth, source[ray])
                     _bring(whole, g, detector, beside + detector, places, number, weight, y)
-                    place = grids.first[detector]
+                    index = grids.first[detector]
                     column, line = np.int64(seen.cell[d, 0]), np.int64(seen.cell[d, 1])
-                    place += line * grids.cells[detector, 0] + column
-                    grids.touched[place // _BLOCK] = 1
+                    index += line * grids.cells[detector, 0] + column
+                    grids.touched[index // _BLOCK] = 1
                     met += 1
                     if met == 1:
-                        first_place, first_code, first_weight = int(place), int(code), weight
+                        first_place, first_code, first_weight = int(index), int(code), weight
                     elif met == 2:
                         _keep(cells, first_place, number, rays.colors, first_code, first_weight)
-                    mixed = met > 1 and cells.last[place] == number
+                    mixed = met > 1 and cells.last[index] == number
                     before, added = 0.0, 0.0
                     for k in range(n_channels):
                         value = _light(rays.colors, code, k, n_channels, weight)
-                        own = cells.part[place, k] if mixed else 0.0
+                        own = cells.part[index, k] if mixed else 0.0
                         before += own * worth[source[ray], k]
                         added += value * worth[source[ray], k]
                         if value != 0.0:
-                            sums[g, place, k] += value
-                            sums2[g, place, k] += value * (value + 2.0 * own)
-                    squares[g, place] += added * (added + 2.0 * before)
+                            sums[g, index, k] += value
+                            sums2[g, index, k] += value * (value + 2.0 * own)
+                    squares[g, index] += added * (added + 2.0 * before)
                     if met > 1:
-                        _keep(cells, place, number, rays.colors, code, weight)
+                        _keep(cells, index, number, rays.colors, code, weight)
                 d += 1
             record += 1
 
@@ -440,13 +440,13 @@ def _light(color_table: Any, code: Integer, k: int, n_channels: int, weight: flo
 
 @inner_kernel
 def _keep(
-    cells: _Brought, place: Integer, number: int, color_table: Any, code: Integer, weight: float
+    cells: _Brought, index: Integer, number: int, color_table: Any, code: Integer, weight: float
 ) -> None:
     """Note what an emission has brought to a cell."""
     last_cell, part_cell = cells.last, cells.part
-    if last_cell[place] != number:
-        last_cell[place] = number
+    if last_cell[index] != number:
+        last_cell[index] = number
         for k in range(part_cell.shape[1]):
-            part_cell[place, k] = 0.0
+            part_cell[index, k] = 0.0
     for k in range(part_cell.shape[1]):
-        part_cell[place, k] += _light(color_table, code, k, part_cell.shape[1], weight)
+        part_cell[index, k] += _light(color_table, code, k, part_cell.shape[1], weight)

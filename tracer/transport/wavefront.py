@@ -201,7 +201,7 @@ class Wavefront:
         if not self.splits:
             return replace(portion, weight=weight)
         of_ray = np.repeat(np.arange(n_rays), assembly.counts())
-        place = np.arange(portion.n_rays) - np.repeat(
+        index = np.arange(portion.n_rays) - np.repeat(
             np.cumsum(assembly.counts()) - assembly.counts(), assembly.counts()
         )
         emission = (first_ray + of_ray) * self.max_branches
@@ -210,7 +210,7 @@ class Wavefront:
             portion,
             source=owners.astype(np.int16),
             first_ray=first_ray * self.max_branches,
-            ray_ids=emission + place,
+            ray_ids=emission + index,
             emission=emission,
             weight=weight,
         )

@@ -100,12 +100,12 @@ def make_body(
 def _edges(
     corners: NDArray[np.float32],
     flat: NDArray[np.float32],
-    place: NDArray[np.int64],
+    index: NDArray[np.int64],
     face: NDArray[np.int32],
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
     """Sharp edges, and smooth edges with the normals on both sides."""
     owner = np.tile(np.arange(len(corners)), 3)
-    ends = np.concatenate([place[:, [0, 1]], place[:, [1, 2]], place[:, [2, 0]]])
+    ends = np.concatenate([index[:, [0, 1]], index[:, [1, 2]], index[:, [2, 0]]])
     spots = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
     ends = np.sort(ends, axis=1)
     order = np.lexsort((ends[:, 1], ends[:, 0]))

@@ -37,10 +37,10 @@ def _points(path: str) -> list[tuple[str, list[str]]]:
 
 def _split(word: str) -> tuple[str, str, str]:
     """Name and events at the first colon that is not escaped."""
-    place = re.search(r"(?<!\\):", word)
-    if place is None:
+    index = re.search(r"(?<!\\):", word)
+    if index is None:
         return word, "", ""
-    return word[: place.start()], ":", word[place.end() :]
+    return word[: index.start()], ":", word[index.end() :]
 
 
 def headline(path: str) -> str:

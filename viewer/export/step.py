@@ -143,9 +143,9 @@ def _curve(points: NDArray[np.float64]) -> Any:
     length = np.concatenate(([0.0], np.cumsum(steps[steps > _SHORTEST_MM])))
     poles, knots = collections.Array1_gp_Pnt(1, n), collections.Array1_double(1, n)
     times = collections.Array1_int(1, n)
-    for k, (corner, place) in enumerate(zip(corners, length.tolist(), strict=True), 1):
+    for k, (corner, index) in enumerate(zip(corners, length.tolist(), strict=True), 1):
         poles.SetValue(k, corner)
-        knots.SetValue(k, place)
+        knots.SetValue(k, index)
         times.SetValue(k, 2 if k in (1, n) else 1)
     curve = Geom.Geom_BSplineCurve(poles, knots, times, 1)
     return BRepBuilderAPI.BRepBuilderAPI_MakeEdge(curve).Edge()

@@ -75,12 +75,12 @@ def _open_function(before: str) -> str:
     """Name of the innermost function whose bracket is still open."""
     plain = re.sub(r'"[^"]*"', lambda found: " " * len(found.group()), before)
     depth = 0
-    for place in range(len(plain) - 1, -1, -1):
-        if plain[place] == ")":
+    for index in range(len(plain) - 1, -1, -1):
+        if plain[index] == ")":
             depth += 1
-        elif plain[place] == "(":
+        elif plain[index] == "(":
             if depth == 0:
-                return _word_at_end(plain[:place].rstrip(), string.ascii_lowercase + "_")
+                return _word_at_end(plain[:index].rstrip(), string.ascii_lowercase + "_")
             depth -= 1
     return ""
 

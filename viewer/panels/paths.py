@@ -48,10 +48,10 @@ def path_rows(
     for number, row in enumerate(rows):
         criterion = str(row.get("criterion") or "")
         flux, se = float(row["flux"]), float(row["flux_se"])
-        place = list(checked).index(criterion) if criterion in checked else -1
+        index = list(checked).index(criterion) if criterion in checked else -1
         color = ""
-        if place >= 0 and len(checked) > 1:
-            color = "#" + "".join(f"{int(part):02x}" for part in PALETTE[place % len(PALETTE)])
+        if index >= 0 and len(checked) > 1:
+            color = "#" + "".join(f"{int(part):02x}" for part in PALETTE[index % len(PALETTE)])
         shown.append(
             {
                 "number": number,
@@ -66,7 +66,7 @@ def path_rows(
                 "flux_se": marked(f"{se:.1g}", flux, se),
                 "flux_note": FOOTNOTE.removeprefix(f"{MARK} ") if is_doubtful(flux, se) else "",
                 "share": f"{100 * float(row['share']):.3g} %",
-                "checked": place >= 0,
+                "checked": index >= 0,
                 "color": color,
             }
         )

@@ -130,8 +130,8 @@ def _densest(density: Floats, se: Floats, detector: Detector) -> Measured:
     beyond = np.where(sure, density - chance * se, 0.0)
     if not beyond.max(initial=0.0) > 0.0:
         return 0.0, 0.0
-    place = int(np.argmax(beyond))
-    return float(density[place]), float(se[place])
+    index = int(np.argmax(beyond))
+    return float(density[index]), float(se[index])
 
 
 def _at_least(peak: Measured, cell: Measured) -> Measured:
@@ -158,8 +158,8 @@ def _fewer_cells(lit: LitCells, flux: Floats, variance: Floats) -> tuple[Floats,
     """
     n_c, n_gamma = lit.detector.cells
     high, wide = (
-        _joinable(sums_of(place, flux, n), sums_of(place, variance, n), most)
-        for place, n, most in (
+        _joinable(sums_of(index, flux, n), sums_of(index, variance, n), most)
+        for index, n, most in (
             (lit.row, n_gamma, _MOST_ROWS),
             (lit.column, n_c, _MOST_AROUND),
         )
@@ -171,8 +171,8 @@ def _fewer_cells(lit: LitCells, flux: Floats, variance: Floats) -> tuple[Floats,
         else:
             wide = next(d for d in range(wide + 1, n_c + 1) if n_c % d == 0)
     shape = n_gamma // high, n_c // wide
-    place = lit.row // high * shape[1] + lit.column // wide
-    joined = (sums_of(place, values, math.prod(shape)) for values in (flux, variance))
+    index = lit.row // high * shape[1] + lit.column // wide
+    joined = (sums_of(index, values, math.prod(shape)) for values in (flux, variance))
     flux, variance = (values.reshape(shape) for values in joined)
     return flux, variance
 

@@ -226,10 +226,10 @@ class _Sums:
         self._place[new] = np.arange(self._n, end) + 1
         self._sums[0][self._n : end] = new
         self._n = end
-        place = self._place[cells.cell] - 1
+        index = self._place[cells.cell] - 1
         news = cells.amounts, cells.squares, cells.other_squares, cells.rays
         for mine, light in zip(self._sums[1:], news, strict=True):
-            mine[place] += light
+            mine[index] += light
         self._totals.add(cells.totals)
 
     def cells(self) -> _Cells:
@@ -282,12 +282,12 @@ def _cells(
     if not len(rays):
         return None
     portion = found.portion
-    place = portion.column("cell")[descriptors].astype(np.int64) // detector[1]
+    index = portion.column("cell")[descriptors].astype(np.int64) // detector[1]
     source = found.paths.base.source[found.paths.of_ray[rays]]
     watt = light.radiant_factors(emitted)[source]
     records = records_at(portion, descriptors)
     amounts = watt[:, None] * light_at(portion, light, rays, records, whole=whole)
-    cell, inverse = np.unique(place[:, 1] * width + place[:, 0], return_inverse=True)
+    cell, inverse = np.unique(index[:, 1] * width + index[:, 0], return_inverse=True)
     sums = np.empty((len(cell), amounts.shape[1]))
     for channel in range(amounts.shape[1]):
         sums[:, channel] = np.bincount(inverse, amounts[:, channel], len(cell))

@@ -122,8 +122,8 @@ class LitCells:
         values : (n,)
         """
         width, height = (-(-cells // side) for cells in self.detector.cells)
-        place = self.row // side * width + self.column // side
-        return sums_of(place, values, height * width).reshape(height, width)
+        index = self.row // side * width + self.column // side
+        return sums_of(index, values, height * width).reshape(height, width)
 
     @property
     def flux(self) -> Floats:

@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 @asked_again
 def ended_before(
     map: RayMap,
-    place: str,
+    where: str,
     criterion: object = None,
     *,
     threads: int | None = None,
@@ -39,15 +39,15 @@ def ended_before(
 
     Parameters
     ----------
-    place : its description (`query.with_detectors`); nothing is told of recorded detectors
+    where : its description (`query.with_detectors`); nothing is told of recorded detectors
 
     Returns
     -------
     flux [flux unit] by name of the object, largest first
     """
-    if not is_place(place):
+    if not is_place(where):
         return {}
-    found_at = parse_place(place, map.directory)
+    found_at = parse_place(where, map.directory)
     faces = map.directory.faces
     n_sources, n_objects = len(map.directory.sources), len(faces.object_names)
     sums = np.zeros((n_objects, n_sources))

@@ -125,8 +125,8 @@ class _Grid:
         some = slice(*np.searchsorted(self.row, (rows.start, rows.stop)))
         row, column, light = self.row[some], self.column[some], self.light[:, some]
         inside = (column >= columns.start) & (column < columns.stop)
-        place = ((row - rows.start) * wide + column - columns.start)[inside]
-        images = [sums_of(place, image[inside], high * wide) for image in light]
+        index = ((row - rows.start) * wide + column - columns.start)[inside]
+        images = [sums_of(index, image[inside], high * wide) for image in light]
         if self.alike is None:
             images.append(self.sizes.part(rows, columns).ravel())
         table = np.zeros((high + 1, wide + 1, len(images)))
@@ -150,16 +150,16 @@ class _Windows:
         """Windows that reach as far as any does."""
         reach = _REACHES[-1]
         rows, columns = (
-            range(max(int(place.min()) - reach, 0), min(int(place.max()) + reach + 1, n))
-            for place, n in ((blocks.row, grid.n_v), (blocks.column, grid.n_u))
+            range(max(int(index.min()) - reach, 0), min(int(index.max()) + reach + 1, n))
+            for index, n in ((blocks.row, grid.n_v), (blocks.column, grid.n_u))
         )
         return cls(grid, blocks, grid.table(rows, columns), rows, columns)
 
     def sums(self, reach: int) -> tuple[Floats, Floats, Floats]:
         """(n_shares, n) light, (n,) variance and (n,) size."""
         ends = []
-        for place, n in ((self.blocks.row, self.grid.n_v), (self.blocks.column, self.grid.n_u)):
-            ends.append((np.maximum(place - reach, 0), np.minimum(place + reach + 1, n)))
+        for index, n in ((self.blocks.row, self.grid.n_v), (self.blocks.column, self.grid.n_u)):
+            ends.append((np.maximum(index - reach, 0), np.minimum(index + reach + 1, n)))
         (low, high), (left, right) = ends
         bottom, top = low - self.rows.start, high - self.rows.start
         first, last = left - self.columns.start, right - self.columns.start

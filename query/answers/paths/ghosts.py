@@ -154,8 +154,8 @@ class GhostMatrix:
         """Pairs of faces, strongest first."""
         order = np.argsort(-self.flux, axis=None, kind="stable")[:top]
         found = []
-        for place in order.tolist():
-            first, second = divmod(place, len(self.faces))
+        for index in order.tolist():
+            first, second = divmod(index, len(self.faces))
             if self.rays[first, second]:
                 pair = {
                     "first": self.faces[first],
@@ -230,11 +230,11 @@ def matrix_of(table: GhostTable) -> GhostMatrix:
         for face, label in zip(faces, shown, strict=True)
     }
     names = sorted(labels)
-    place = {face: k for k, face in enumerate(names)}
+    index = {face: k for k, face in enumerate(names)}
     n = len(names)
     flux, flux_se, rays = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n), np.int64)
     for k, (first, second) in enumerate(table.faces):
-        cell = place[first], place[second]
+        cell = index[first], index[second]
         flux[cell], flux_se[cell], rays[cell] = table.flux[k], table.flux_se[k], table.rays[k]
     return GhostMatrix(
         faces=tuple(names),
@@ -337,9 +337,9 @@ def _reflecting(
     found = {k: count for k, count in enumerate(rays_of.tolist()) if k and count}
     wanted = (number == reflections) & (rays > 0)
     rows = np.flatnonzero(ghostly & np.repeat(wanted, base.lengths)).reshape(-1, reflections)
-    place = np.where(base.face[rows] >= 0, base.face[rows], n_faces + base.object[rows])
+    index = np.where(base.face[rows] >= 0, base.face[rows], n_faces + base.object[rows])
     chosen = np.flatnonzero(wanted)
-    chains = np.column_stack((base.source[chosen].astype(np.int64), place))
+    chains = np.column_stack((base.source[chosen].astype(np.int64), index))
     different, label = np.unique(chains, axis=0, return_inverse=True)
     return PathLabels(chosen, label.reshape(-1), len(different), _Ghosts(different, found))
 

@@ -59,8 +59,8 @@ def find_peaks(
 
     def rows_of(mine: Keys) -> Ints:
         # Rows are few, so equal low halves of different paths would be a 2^-64 accident per pair.
-        place = np.minimum(np.searchsorted(low, mine.low), max(len(low) - 1, 0))
-        return order[place]
+        at = np.minimum(np.searchsorted(low, mine.low), max(len(low) - 1, 0))
+        return order[at]
 
     def visit(found: Found) -> tuple[NDArray[np.int64], Floats]:
         rays, descriptors = registrations(found, 0, detector)

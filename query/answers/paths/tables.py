@@ -181,23 +181,23 @@ class PathTable:
             self._peaks,
         )
 
-    def _base(self, place: int) -> PathContext:
+    def _base(self, index: int) -> PathContext:
         """Paths of a merged dictionary or of a portion."""
-        if place not in self._bases:
+        if index not in self._bases:
             if len(self._bases) > 8:
                 self._bases.clear()
-            if place >= 0:
-                paths = self.map.portions[place].paths()
+            if index >= 0:
+                paths = self.map.portions[index].paths()
             else:
-                merged = (self.map if place == -1 else self.map.shards[-2 - place]).merged
+                merged = (self.map if index == -1 else self.map.shards[-2 - index]).merged
                 if merged is None:
                     raise FalseFooter(
                         f"{self.map.path}: the footer turned out to be false since this table was "
                         "made; ask for the paths again"
                     )
                 paths = merged.paths
-            self._bases[place] = PathContext(paths)
-        return self._bases[place]
+            self._bases[index] = PathContext(paths)
+        return self._bases[index]
 
     def _row(self, row: int) -> PathRow:
         keys, tally = self._part.keys, self._part.tally

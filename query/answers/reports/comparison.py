@@ -248,7 +248,7 @@ def _paired(
     threads: int | None,
     cancel: Cancel,
 ) -> PairedErrors | None:
-    number = {name: place for place, name in enumerate(names)}
+    number = {name: index for index, name in enumerate(names)}
     sources = np.zeros(len(names), np.int64)
     pair = []
     for table, rows in zip(tables, sides, strict=True):

@@ -557,9 +557,9 @@ def _one(
     value, own = whole.value[chosen], flux[chosen]
     source, emission = whole.source[chosen], whole.emission[chosen]
     n, n_sources = len(edges) - 1, len(emitted)
-    place = np.searchsorted(edges, value, side="right") - 1
-    place[value == edges[-1]] = n - 1
-    inside = (place >= 0) & (place < n)
+    index = np.searchsorted(edges, value, side="right") - 1
+    index[value == edges[-1]] = n - 1
+    inside = (index >= 0) & (index < n)
 
     def spread_of(label: Ints, values: Floats, emission: Ints, size: int) -> Floats:
         """Squared standard errors of sums by label, of independent emissions of each source."""
@@ -567,11 +567,11 @@ def _one(
         squares = squares_by_emission(label, values, emission, size)
         return variances(1.0, np.tile(emitted, size // n_sources), sums, squares)
 
-    row = place[inside] * n_sources + source[inside]
+    row = index[inside] * n_sources + source[inside]
     variance = spread_of(row, own[inside], emission[inside], n * n_sources)
-    in_bins = np.bincount(place[inside], own[inside], n)
+    in_bins = np.bincount(index[inside], own[inside], n)
     errors = np.sqrt(variance.reshape(n, n_sources).sum(axis=1))
-    counts = np.bincount(place[inside], minlength=n)
+    counts = np.bincount(index[inside], minlength=n)
     total = float(own.sum())
     share = own / total if total > 0.0 else own
     mean = float(share @ value)
@@ -620,5 +620,5 @@ def _one(
 
 
 def _quantile(sorted_value: Floats, held: Floats, share: float) -> float:
-    place = int(np.searchsorted(held, min(1.0, max(0.0, share))))
-    return float(sorted_value[min(place, len(held) - 1)])
+    index = int(np.searchsorted(held, min(1.0, max(0.0, share))))
+    return float(sorted_value[min(index, len(held) - 1)])

@@ -146,7 +146,7 @@ class _Stream:
             paths = found.paths.of_ray[rays]
             # Of equal low halves of different paths there is one in 2^64 pairs
             mine = path_keys(found.paths.base, by).low[paths]
-            place = np.minimum(np.searchsorted(low, mine), max(len(low) - 1, 0))
+            index = np.minimum(np.searchsorted(low, mine), max(len(low) - 1, 0))
             source = found.paths.base.source[paths].astype(np.int64)
             weight = ray_weights(portion, rays)
             flux = factors[source] if weight is None else factors[source] * weight
@@ -156,7 +156,7 @@ class _Stream:
                 first_ray=int(portion.first_ray),
                 end=int(numbers[-1]),
                 emission=numbers[rays],
-                row=side.row[order[place]].astype(np.int64),
+                row=side.row[order[index]].astype(np.int64),
                 source=source,
                 flux=flux,
             )

@@ -531,8 +531,8 @@ def _greedy(
     helps = True
     while helps:
         helps = False
-        for place in range(faces):
-            rest = chosen[:place] + chosen[place + 1 :]
+        for index in range(faces):
+            rest = chosen[:index] + chosen[index + 1 :]
             free = [k for k in range(n) if k not in rest]
             values = value(rest, free)
             for k, each in zip(free, values.tolist(), strict=True):

@@ -54,8 +54,8 @@ def _check(file: Path, where: str) -> list[str]:
         described = json_value(data)
         views = [_count(view, "byteLength") for view in described.get("bufferViews", [])]
         for accessor in described.get("accessors", []):
-            rows, place = _count(accessor, "count"), accessor.get("bufferView")
-            limit = _ZEROS if place is None else views[place]
+            rows, view = _count(accessor, "count"), accessor.get("bufferView")
+            limit = _ZEROS if view is None else views[view]
             if rows > limit:
                 raise SceneError(
                     f"{where}: {file.name} claims a table of {rows} rows; its bytes hold at "
@@ -131,7 +131,7 @@ def _buffer_files(described: dict[str, Any]) -> list[str]:
     """Files beside it that hold its buffers, each once."""
     places = (buffer.get("uri") for buffer in described.get("buffers", []))
     # As trimesh tells them from bytes that stand in the text
-    return list(dict.fromkeys(place for place in places if place and "base64," not in place))
+    return list(dict.fromkeys(path for path in places if path and "base64," not in path))
 
 
 def _size(folder: Path, name: str) -> int:

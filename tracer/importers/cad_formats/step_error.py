@@ -53,8 +53,8 @@ def reflection_error_mrad(face: CadFace) -> float:
         return 0.0
     order = np.argsort(errors)
     running = np.cumsum(np.array(areas)[order])
-    place = int(np.searchsorted(running, _SHARE / 100.0 * running[-1]))
-    return 1e3 * float(np.array(errors)[order][min(place, len(order) - 1)])
+    index = int(np.searchsorted(running, _SHARE / 100.0 * running[-1]))
+    return 1e3 * float(np.array(errors)[order][min(index, len(order) - 1)])
 
 
 def _error_of_triangle(surface: Any, corners: F64, places: F64) -> float | None:

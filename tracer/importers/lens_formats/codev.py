@@ -147,8 +147,8 @@ class _Reader:
         self.unknown: dict[str, list[str]] = {}
         self.not_taken: dict[str, str] = {}
 
-    def fail(self, place: str, message: str) -> SceneError:
-        return SceneError(f"{self.origin}: {place}: {message}")
+    def fail(self, where: str, message: str) -> SceneError:
+        return SceneError(f"{self.origin}: {where}: {message}")
 
     def warn(self, message: str) -> None:
         warnings.warn(f"{self.origin}: {message}", ImportWarning, stacklevel=2)
@@ -531,14 +531,14 @@ class _Reader:
         else:
             draft.clear = radius
 
-    def _glass(self, written: str, place: str) -> tuple[GlassName | None, bool]:
+    def _glass(self, written: str, where: str) -> tuple[GlassName | None, bool]:
         name = written.strip("'\"")
         if not name or name.upper() == "AIR":
             return None, False
         if name.upper() in ("REFL", "REF"):
             return None, True
         if name.upper() in self.private:
-            return GlassName(name=name, table=self._private_table(name, place)), False
+            return GlassName(name=name, table=self._private_table(name, where)), False
         code = re.fullmatch(r"(\d{3,9})[.:](\d{3,9})", name)
         if code:
             index = 1.0 + float(f"0.{code[1]}")
@@ -549,16 +549,16 @@ class _Reader:
         stem, _, maker = name.partition("_")
         return GlassName(name=stem, maker=maker), False
 
-    def _private_table(self, name: str, place: str) -> tuple[tuple[float, float], ...]:
+    def _private_table(self, name: str, where: str) -> tuple[tuple[float, float], ...]:
         """Index of a private glass at wavelengths [nm]: as listed, or by a Laurent series."""
         words = self.private[name.upper()]
         if len(words) > 1 and words[1].upper() == "LAU":
             terms = [self.number(words, k) for k in range(2, len(words))]
             wavelengths = sorted({*_LAURENT_GRID_NM, *self.lists.get("WL", [])})
-            return tuple((nm, _laurent(terms, 1e-3 * nm, place, self)) for nm in wavelengths)
+            return tuple((nm, _laurent(terms, 1e-3 * nm, where, self)) for nm in wavelengths)
         if len(words) > 1 and plain_number(words[1]) is None:
             raise self.fail(
-                place,
+                where,
                 f"its private glass {name} has the formula {words[1]}, which is not understood; "
                 "indices at the wavelengths PWL, or LAU, are",
             )
@@ -575,15 +575,15 @@ class _Reader:
         return draft.shape
 
     def _built(self, number: int, draft: _Draft) -> LensSurface:
-        place = f"surface {number}"
-        glass, mirror = self._glass(draft.glass, place)
+        where = f"surface {number}"
+        glass, mirror = self._glass(draft.glass, where)
         terms = [draft.terms.get(k, 0.0) for k in range(len(_COEFFICIENTS))]
         while terms and terms[-1] == 0.0:
             terms.pop()
         if len(terms) > _MOST_COEFFICIENTS:
             letter = _COEFFICIENTS[len(terms) - 1]
             raise self.fail(
-                place, f"has the coefficient {letter}; A to F (up to r^14) can be traced"
+                where, f"has the coefficient {letter}; A to F (up to r^14) can be traced"
             )
         return LensSurface(
             number=number,
@@ -670,8 +670,8 @@ class _Reader:
 
     def _pick_up(self) -> None:
         """Follow ``PIK value surface value surface scale offset``."""
-        for place, words in self.pickups:
-            said = f"{place}: {' '.join(words)}"
+        for where, words in self.pickups:
+            said = f"{where}: {' '.join(words)}"
             plain = [word.upper() for word in words[1:] if word.upper() != "Z1"]
             match = re.fullmatch(
                 r"(THI|RDY|CUY|GLA|K) S(O|I|\d+) (THI|RDY|CUY|GLA|K) S(O|I|\d+)((?: \S+){0,2})",
@@ -725,8 +725,8 @@ class _Reader:
                 f"{places[0]}{more}: the command {word} is not understood and is left out; check "
                 "what it says in the design program"
             )
-        for message, place in self.not_taken.items():
-            self.warn(f"{place}: {message}")
+        for message, where in self.not_taken.items():
+            self.warn(f"{where}: {message}")
         first = self.drafts[0]
         if self._curvature(first) and math.isfinite(first.thickness) and first.thickness < 1e10:
             self.warn("surface 0: the object is curved; its points are put in a plane")
@@ -773,12 +773,12 @@ class _Reader:
         return "angle", (FieldPoint(x=0.0, y=0.0),)
 
 
-def _laurent(terms: list[float], micrometre: float, place: str, reader: _Reader) -> float:
+def _laurent(terms: list[float], micrometre: float, where: str, reader: _Reader) -> float:
     """Index from n² = A0 + A1 λ² + A2 λ⁻² + A3 λ⁻⁴ + …, λ in µm."""
     powers = (0, 2, *range(-2, -2 * len(terms), -2))
     square = sum(a * micrometre**p for a, p in zip(terms, powers, strict=False))
     if square <= 1.0:
-        raise reader.fail(place, f"its private glass has no index at {1e3 * micrometre:g} nm")
+        raise reader.fail(where, f"its private glass has no index at {1e3 * micrometre:g} nm")
     return math.sqrt(square)
 
 

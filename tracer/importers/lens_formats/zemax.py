@@ -128,8 +128,8 @@ class _Reader:
         self.configured = False
         self.solves: list[ThicknessSolve] = []
 
-    def fail(self, place: str, message: str) -> SceneError:
-        return SceneError(f"{self.origin}: {place}: {message}")
+    def fail(self, where: str, message: str) -> SceneError:
+        return SceneError(f"{self.origin}: {where}: {message}")
 
     def warn(self, message: str) -> None:
         warnings.warn(f"{self.origin}: {message}", ImportWarning, stacklevel=2)
@@ -270,17 +270,17 @@ class _Reader:
 
     def _surface(self, index: int, before: list[LensSurface]) -> LensSurface:
         block = self.blocks[index]
-        place = f"surface {block.number}"
+        where = f"surface {block.number}"
         self._refuse_what_is_moved(block)
         for line in block.picked:
             self._pick_parameter(block, line)
         dummy = block.kind == "COORDBRK"
         if dummy:
-            self._refuse_break(block, place)
+            self._refuse_break(block, where)
         elif block.kind not in ("STANDARD", "EVENASPH"):
             called = f", {TYPES[block.kind]}," if block.kind in TYPES else ","
             raise self.fail(
-                place,
+                where,
                 f"is of type {block.kind}{called} which cannot be traced; STANDARD and EVENASPH "
                 "(spheres, conics, even aspheres) are understood: replace it in the design program",
             )
@@ -289,7 +289,7 @@ class _Reader:
         aspheric: tuple[float, ...] = ()
         if block.kind == "STANDARD" and any(block.parameters.values()):
             self.warn(
-                f"{place}: is of type STANDARD, which has no parameters; its PARM are left out"
+                f"{where}: is of type STANDARD, which has no parameters; its PARM are left out"
             )
         for line in block.extra:
             if self._optional(line, 1) != 0.0:
@@ -300,8 +300,8 @@ class _Reader:
         if block.kind == "EVENASPH":
             beyond = [number for number, value in block.parameters.items() if value and number > 8]
             if beyond:
-                self.warn(f"{place}: EVENASPH has no parameter {beyond[0]}; it is left out")
-            curvature, conic, aspheric = self._even_asphere(block, curvature, conic, place)
+                self.warn(f"{where}: EVENASPH has no parameter {beyond[0]}; it is left out")
+            curvature, conic, aspheric = self._even_asphere(block, curvature, conic, where)
         glass, mirror = self._glass(block, before)
         if dummy:
             glass, mirror = _behind(before), False
@@ -337,13 +337,13 @@ class _Reader:
                 "must stand about the axis",
             )
 
-    def _refuse_break(self, block: _Block, place: str) -> None:
+    def _refuse_break(self, block: _Block, where: str) -> None:
         """Refuse a coordinate break, unless nothing is moved by it."""
         moved = {k: v for k, v in sorted(block.parameters.items()) if 1 <= k <= 5 and v != 0.0}
         if moved:
             shown = ", ".join(f"PARM {k} = {v:g}" for k, v in moved.items())
             raise self.fail(
-                place,
+                where,
                 f"is of type COORDBRK, a coordinate break ({shown}), which cannot be traced; "
                 "surfaces must stand about one axis: place the bodies of its parts one by one "
                 "([lens_files.NAME] with position and rotation)",
@@ -436,14 +436,14 @@ class _Reader:
         return thickness
 
     def _even_asphere(
-        self, block: _Block, curvature: float, conic: float, place: str
+        self, block: _Block, curvature: float, conic: float, where: str
     ) -> tuple[float, float, tuple[float, ...]]:
         """Curvature, conic and coefficients of r^4 …; a term in r² belongs to the curvature."""
         square = block.parameters.get(1, 0.0)
         if square != 0.0:
             if curvature != 0.0 and conic != -1.0:
                 raise self.fail(
-                    place,
+                    where,
                     f"has a term in r² ({square:g}) beside a curvature, which cannot be traced; "
                     "take it into the radius in the design program",
                 )
@@ -453,7 +453,7 @@ class _Reader:
             terms.pop()
         if len(terms) > _MOST_COEFFICIENTS:
             raise self.fail(
-                place, f"has a term in r^16 ({terms[-1]:g}); terms up to r^14 can be traced"
+                where, f"has a term in r^16 ({terms[-1]:g}); terms up to r^14 can be traced"
             )
         return curvature, conic, tuple(terms)
 

@@ -12,7 +12,7 @@ from tracer.optics.glasses import Glass, find_glass
 __all__ = ["GLASS", "catalogue_glass"]
 
 
-def catalogue_glass(name: str, place: str) -> Glass:
+def catalogue_glass(name: str, where: str) -> Glass:
     """A glass by its name.
 
     Raises
@@ -23,7 +23,7 @@ def catalogue_glass(name: str, place: str) -> Glass:
     try:
         return find_glass(name)
     except SceneError as error:
-        raise SceneError(f"{place}.glass: {error}") from None
+        raise SceneError(f"{where}.glass: {error}") from None
 
 
 def _index(value: str, at: At) -> NDArray[np.float64]:

@@ -219,6 +219,6 @@ def check_flux(flux: FluxTable, energy_tolerance: float = 0.0) -> None:
 
 def _refuse(flux: FluxTable, bad: NDArray[np.bool_], reason: str) -> None:
     row = int(np.argmax(bad))
-    place = flux.places[row] if flux.places else f"row {row + 1}"
+    where = flux.places[row] if flux.places else f"row {row + 1}"
     values = f"R = {flux.reflectance[row]:.4g}, T = {flux.transmittance[row]:.4g}"
-    raise MeasurementError(f"{place}: {reason} ({values})")
+    raise MeasurementError(f"{where}: {reason} ({values})")

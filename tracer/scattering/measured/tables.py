@@ -243,8 +243,8 @@ def _csv_columns(path: Path, known: tuple[str, ...]) -> tuple[dict[str, Array], 
 
 
 def _check_columns(names: list[str], known: tuple[str, ...], path: Path) -> None:
-    for place, name in enumerate(names):
-        if name in names[:place]:
+    for index, name in enumerate(names):
+        if name in names[:index]:
             raise MeasurementError(f"{path.name}: two columns are called {name!r}; drop one")
         if name not in known:
             near = difflib.get_close_matches(name, known, n=1)

@@ -39,21 +39,21 @@ def load_media(
     if chosen not in scattering:
         known = ", ".join(scattering) or "none"
         raise SceneError(f"{path.name}: no scattering medium {chosen!r}; there is {known}")
-    place = f"{path.name}: media.{chosen}"
+    where = f"{path.name}: media.{chosen}"
     try:
         model = medium_model(tables[chosen])
     except ValidationError as error:
-        raise SceneError(f"{place}: {error.errors()[0]['msg']}") from None
+        raise SceneError(f"{where}: {error.errors()[0]['msg']}") from None
     wanted = np.array(wavelengths_nm, np.float64)
-    index = refractive_index(model, wanted, place)
-    at = At(wavelengths_nm=wanted, length_unit="mm", place=place)
+    index = refractive_index(model, wanted, where)
+    at = At(wavelengths_nm=wanted, length_unit="mm", place=where)
     zero = np.zeros(wanted.size)
     absorption = absorption_coefficient(model, at)
     given = model.scattering
     law = None if given is None else given.phase.stated()
     if given is None or law is None or law.kind not in (*_EXPONENTS, "generalized"):
         raise SceneError(
-            f"{place}: the plate kernel knows isotropic, henyey_greenstein and generalized "
+            f"{where}: the plate kernel knows isotropic, henyey_greenstein and generalized "
             "scattering; trace other phase functions in a scene"
         )
     if given.coefficient is not None:

@@ -228,12 +228,12 @@ class StartBins:
                 waiting[face] = False
             if guess < 0:
                 guess = len(placed) - 1
-        place = np.full(n, -1, np.int32)
-        place[placed] = np.arange(len(placed))
+        index = np.full(n, -1, np.int32)
+        index[placed] = np.arange(len(placed))
         decided = np.full(2 * n, _NEVER, np.int32)
         for half, rest in enumerate((entered, left)):
-            last = np.where(rest, place[None, :], -1).max(axis=1)
-            after = np.maximum(last, place)
+            last = np.where(rest, index[None, :], -1).max(axis=1)
+            after = np.maximum(last, index)
             decided[half * n : half * n + n] = np.where(candidates, after, _NEVER)
         return item._replace(faces=np.array(placed, np.intp), decided=decided, likely=guess)
 

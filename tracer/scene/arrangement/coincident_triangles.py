@@ -56,7 +56,7 @@ def warn_of_coincident_triangles(
     bodies: Sequence[str],
     solids: Collection[str],
     size: float,
-    place: str,
+    where: str,
 ) -> None:
     """Warn of every pair of bodies that coincide somewhere, with the number of triangles.
 
@@ -67,12 +67,12 @@ def warn_of_coincident_triangles(
     bodies : per face the name of its body
     solids : names of the bodies with a medium; two open surfaces need no order
     size : radius of the scene
-    place : names the scene
+    where : names the scene
     """
     for mesh, other, count in find_coincident_triangles(meshes, faces, bodies, solids, size):
         many = "1 triangle" if count == 1 else f"{count} triangles"
         warnings.warn(
-            f"{place}: bodies {mesh!r} and {other!r} coincide along {many} of {mesh!r}: light "
+            f"{where}: bodies {mesh!r} and {other!r} coincide along {many} of {mesh!r}: light "
             "meets both faces in the order of rounding, or a film of what is outside between them; "
             "let them overlap by a micrometre (at a curved face by more than the triangles stand "
             "off it), and give one of them a higher priority",
@@ -261,10 +261,10 @@ def _in_one_plane(
     ends = np.cumsum(counts)
     total = int(ends[-1]) if len(ends) else 0
     for begin in range(0, total, _BATCH):
-        place = np.arange(begin, min(total, begin + _BATCH))
-        plane = np.searchsorted(ends, place, side="right")
-        place -= (ends - counts)[plane]
-        row, column = np.divmod(place, sizes[1][shared][plane])
+        index = np.arange(begin, min(total, begin + _BATCH))
+        plane = np.searchsorted(ends, index, side="right")
+        index -= (ends - counts)[plane]
+        row, column = np.divmod(index, sizes[1][shared][plane])
         yield (
             orders[0][starts[0][shared][plane] + row * steps[plane]],
             orders[1][starts[1][shared][plane] + column],

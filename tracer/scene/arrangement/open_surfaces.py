@@ -40,7 +40,7 @@ def warn_of_hidden_surfaces(
     bodies: Sequence[str],
     surfaces: Sequence[Surface],
     size: float,
-    place: str,
+    where: str,
 ) -> None:
     """Warn of open surfaces that lie on one another, once for each that hides others.
 
@@ -51,7 +51,7 @@ def warn_of_hidden_surfaces(
     coincident : faces that lie on one another
     faces, bodies, surfaces : of the scene, by number
     size : radius of the scene
-    place : names the scene
+    where : names the scene
     """
     if coincident is None:
         return
@@ -70,7 +70,7 @@ def warn_of_hidden_surfaces(
         if len(known) > _NAMED:
             names += f" and {len(known) - _NAMED} more"
         warnings.warn(
-            f"{place}: open surface {first!r} lies on {names}: light meets only {first!r} there, "
+            f"{where}: open surface {first!r} lies on {names}: light meets only {first!r} there, "
             "which is named first; leave a micrometre between them if light shall meet both, or "
             "name first what it shall meet",
             HiddenSurface,
