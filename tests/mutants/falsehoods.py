@@ -81,6 +81,8 @@ MUTANTS = (
         false="real[row, X], real[row, Y], real[row, Z] = y, x, z",
         features={
             "rays one by one": f"{_ENGINE}/test_engine.py",
+            "weighted, split and polarised light": "tests/tracer/run/test_one_run.py::"
+            "test_records_lie_where_light_meets_faces",
         },
     ),
     Mutant(
@@ -125,6 +127,8 @@ MUTANTS = (
             "test_prism_deviates_by_the_minimum_and_selects_channels_evenly",
             "weighted light": f"{_ENGINE}/test_weighted.py::"
             "test_all_pairs_of_a_coated_lens_are_known",
+            "plates": "tests/tracer/scattering/test_goniophotometer.py::"
+            "test_cells_agree_with_the_exact_scattering_distribution",
         },
     ),
 )

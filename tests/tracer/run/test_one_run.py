@@ -176,3 +176,44 @@ def test_sigterm_within_a_finaliser_is_not_lost(capsys: Any) -> None:
     with pytest.raises(KeyboardInterrupt):
         block()
     assert capsys.readouterr().err == ""
+
+
+SLANTED = """
+length_unit = "mm"
+[media.glass]
+index = 1.5
+[surfaces.clear]
+kind = "dielectric"
+[bodies.slab]
+kind = "box"
+size = [400, 400, 4]
+position = [0, 0, 10]
+axis = [0.3, 0.1, 0.95]
+medium = "glass"
+surface = "clear"
+[sources.lamp]
+kind = "point"
+cone_deg = 20
+"""
+
+
+MORE = {
+    "natural": "",
+    "split": SPLIT,
+    "weighted": '[trace]\nmode = "weighted"\nmin_reflection = 0.3\n',
+    "polarised": POLARISED,
+}
+
+
+@pytest.mark.parametrize("more", MORE.values(), ids=MORE)
+def test_records_lie_where_light_meets_faces(more: str, tmp_path: Path) -> None:
+    record(parse_scene(SLANTED + more), tmp_path / "a.raymap", rays=200, seed=3)
+    found = dict(rows(tmp_path / "a.raymap"))
+    normal = np.array([0.3, 0.1, 0.95]) / np.linalg.norm([0.3, 0.1, 0.95])
+    height = (found["position"].astype(float) - [0.0, 0.0, 10.0]) @ normal
+    on_slab = found["object"] == 0
+    assert on_slab.sum() >= 300
+    np.testing.assert_allclose(np.abs(height[on_slab]), 2.0, atol=1e-4)
+    # Light starts at the lamp, and leaves to either side
+    starts = np.cumsum(found["records_per_ray"]) - found["records_per_ray"]
+    np.testing.assert_array_equal(found["position"][starts], 0.0)
