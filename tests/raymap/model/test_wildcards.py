@@ -15,6 +15,7 @@ from raymap.model.wildcards import Wildcard, characters
 
 _ROOT = Path(__file__).resolve().parents[3]
 _FROM_TABLES = (
+    ("query/engine/descriptions.py", "re.fullmatch(rf"),
     ("query/engine/places.py", "re.compile(rf"),
     ("tracer/optics/glasses.py", "re.fullmatch("),
     ("tracer/scene/load.py", "re.sub(theirs, ours, message)"),
