@@ -10,7 +10,7 @@ import pytest
 
 import raymap
 from raymap.file.checks import check_portion
-from raymap.model.errors import MapExists
+from raymap.model.errors import MapExists, SceneError
 from raymap.model.events import Event
 from tracer import compile_scene, parse_scene
 from tracer.lens import LensError
@@ -173,3 +173,19 @@ def test_options_are_checked(tmp_path: Path) -> None:
     path.write_bytes(b"")
     with pytest.raises(MapExists):
         record_lens_trees(compilation, path, emissions=1)
+
+
+EYE = """
+[detectors.eye]
+kind = "pinhole"
+position = [0, 0, -60]
+looks = [0, 0, 1]
+field_deg = 50
+cells = [4, 4]
+"""
+
+
+def test_lens_trees_refuse_pinholes(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match=r"detectors\.eye: the tracer of whole lenses"):
+        record_lens_trees(parse_scene(SCENE + EYE), tmp_path / "a.raymap", emissions=100)
+    assert not (tmp_path / "a.raymap").exists()

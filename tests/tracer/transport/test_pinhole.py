@@ -12,7 +12,7 @@ from scipy.stats import chi2 as chi2_distribution
 
 import query
 import raymap
-from raymap.model.errors import RayMapError, SceneError
+from raymap.model.errors import RayMapError
 from tests.tracer.chi2 import SIGNIFICANCE
 from tests.tracer.detectors.test_detectors import UNITS, agree, pictures
 from tracer.run.recording import record
@@ -424,15 +424,6 @@ share = 3
     left, right = seen.flux[0]
     spread = np.hypot(*(seen.flux_se[0] / seen.flux[0]))
     assert left / right == pytest.approx(9.0, rel=4.5 * float(spread))
-
-
-def test_lens_trees_refuse_pinholes(tmp_path: Path) -> None:
-    from tracer.lens.record import record_lens_trees
-
-    room = UNITS + ROOM.format(satin=SATIN["lambertian"])
-    with pytest.raises(SceneError, match=r"detectors\.eye: the tracer of whole lenses"):
-        record_lens_trees(parse_scene(room), tmp_path / "a.raymap", emissions=100)
-    assert not (tmp_path / "a.raymap").exists()
 
 
 def test_repair_keeps_a_picture_that_is_whole(tmp_path: Path) -> None:
