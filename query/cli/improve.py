@@ -77,12 +77,12 @@ def _print(found: Improvement) -> None:
     shown = []
     for row in found.rows:
         cells = [
-            with_error(row.before, row.before_se),
-            with_error(row.after, row.after_se),
-            with_error(row.difference, row.difference_se),
+            _told(row.before, row.before_se),
+            _told(row.after, row.after_se),
+            _told(row.difference, row.difference_se),
         ]
         if row.keep is not None:
-            cells.append(with_error(row.keep[4], row.keep[5]))
+            cells.append(_told(row.keep[4], row.keep[5]))
         shown += cells
         table.add_row(Text(" ".join(row.faces)), *cells)
     console.print(table)
@@ -94,3 +94,8 @@ def _print(found: Improvement) -> None:
     console.print(f"  raymap what-if MAP CRITERION {settings}", markup=False)
     if any(text.endswith(MARK) for text in shown):
         console.print(FOOTNOTE)
+
+
+def _told(value: float, se: float) -> str:
+    """With its error, unless it is 0 for certain."""
+    return with_error(value, se) if value or se else "0"

@@ -100,7 +100,9 @@ def _print_costs(costs: list[tuple[str, Effect]], unit: str) -> None:
     shown = []
     for text, cost in costs:
         before = with_error(cost.before.flux, cost.before.se, f" {unit}")
-        difference = with_error(cost.difference, cost.difference_se, f" {unit}")
+        difference = f"0 {unit}"
+        if cost.difference or cost.difference_se:
+            difference = with_error(cost.difference, cost.difference_se, f" {unit}")
         shown += [before, difference]
         share = f" ({cost.difference / cost.before.flux:+.3%})" if cost.before.flux > 0.0 else ""
         console.print(f"keep {text}: {difference}{share} of {before}", markup=False)
