@@ -51,7 +51,7 @@ def _thin(surface: str, turned: str = "") -> str:
 
 ELEMENTS: dict[str, str] = {
     "plate": _solid(),
-    "lens": '[bodies.b@]\nkind = "lens"\nmedium = "glass"\nthickness = 3\ndiameter = 16\n'
+    "lens": '[bodies.b@]\nkind = "lens"\nmedium = "glass"\nthickness = 5\ndiameter = 16\n'
     "position = [0, 0, Z]\nfront = { radius = 20 }\nback = { radius = -20 }\n",
     "ball": '[bodies.b@]\nkind = "sphere"\nmedium = "flint"\nradius = 2.5\nposition = [0, 0, Z]\n',
     "mesh": '[bodies.b@]\nkind = "mesh"\nfile = "block.stl"\nscale = 1.0\nmedium = "glass"\n'
@@ -73,7 +73,7 @@ ELEMENTS: dict[str, str] = {
     "tilted rough metal": _thin(
         'kind = "rough_mirror"\nroughness = 0.4\nmetal = { n = 1.4, k = 2.0 }', "axis = [1, 0, 1]\n"
     ),
-    "scatter": _solid('kind = "dielectric"\nscatter = { abg = [0.05, 0.1, 2.0] }'),
+    "scatter": _solid('kind = "dielectric"\nscatter = { abg = [0.002, 0.1, 2.0] }'),
     "diffuser": _thin('kind = "lambertian"\nreflectance = 0.3\ntransmittance = 0.6'),
     "filter": _thin('kind = "filter"\ntransmittance = 0.5'),
     "retroreflector": _thin('kind = "retroreflector"\nreflectance = 0.6').replace(
