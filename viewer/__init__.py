@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from viewer.export import export_3d
     from viewer.paint.charts import chart
     from viewer.paint.rendering import picture
-    from viewer.view.plotting import plotter
+    from viewer.shown.plotting import plotter
 
 _HOME = {
     "Camera": "viewer.drawn.state",
@@ -25,7 +25,7 @@ _HOME = {
     "export_3d": "viewer.export",
     "load_state": "viewer.drawn.state",
     "picture": "viewer.paint.rendering",
-    "plotter": "viewer.view.plotting",
+    "plotter": "viewer.shown.plotting",
     "save_state": "viewer.drawn.state",
     "view": "viewer.app.server",
 }

@@ -253,7 +253,7 @@ def view(
             check_criterion(ray_map, criterion)
             state = replace(state, criterion=criterion)
         if window:
-            from viewer.view.window import open_window
+            from viewer.shown.window import open_window
 
             open_window(ray_map, state).plotter.show()
             return

@@ -178,13 +178,11 @@ class StopTable:
         if not sound or position.shape != (int(offsets[-1]), 3) or left.shape != (n,):
             raise FormatError(f"positions {position.shape} are not those of the rays")
         record, stop, primitive = np.empty((3, n), np.int64)
-        reach, normal = np.empty(n), np.empty((n, 3))
-        _meet_stops(
-            self.flat, *self.tree, position, offsets, left, record, reach, stop, primitive, normal,
-            np.empty(_DEEPEST, np.int64),
-        )  # fmt: skip
+        every = Stopped(np.arange(n), record, np.empty(n), stop, primitive, np.empty((n, 3)))
+        stack = np.empty(_DEEPEST, np.int64)
+        _meet_stops(self.flat, self.tree, position, offsets, left, every, stack)
         ray = np.flatnonzero(stop >= 0)
-        return Stopped(ray, record[ray], reach[ray], stop[ray], primitive[ray], normal[ray])
+        return Stopped(*(column[ray] for column in every))
 
 
 def _tree_of(corners: F64, owner: I64) -> _Tree:
@@ -220,10 +218,14 @@ def _tree_of(corners: F64, owner: I64) -> _Tree:
 
 @lean_kernel
 def _meet_stops(
-    flat: F64, boxes: F64, links: I64, corners: F64, owner: I64, position: NDArray[np.float32],
-    offsets: I64, left: NDArray[np.bool_], record: I64, reach: F64, stop: I64, primitive: I64,
-    normal: F64, stack: I64,
+    flat: F64, tree: _Tree, position: NDArray[np.float32], offsets: I64, left: NDArray[np.bool_],
+    out: Stopped, stack: I64,
 ) -> None:  # fmt: skip
+    """Fill ``out`` for every ray; its stop is -1 where there is none."""
+    boxes, links, corners, owner = tree.boxes, tree.links, tree.corners, tree.owner
+    record, reach, stop, primitive, normal = (
+        out.record, out.reach, out.stop, out.primitive, out.normal
+    )  # fmt: skip
     for ray in range(len(offsets) - 1):
         stop[ray] = -1
         last = offsets[ray + 1] - 1

@@ -23,8 +23,8 @@ from viewer.paint.interrupt import Cancel
 from viewer.paint.overlay import draw_legend
 from viewer.paint.painter import Colored, Painter, Shown
 from viewer.paint.rendering import encode_jpeg, encode_png
-from viewer.view.live import LiveScene, Snapshot
-from viewer.view.picked import Picked, Sight, pick
+from viewer.shown.live import LiveScene, Snapshot
+from viewer.shown.picked import Picked, Sight, pick
 
 if TYPE_CHECKING:
     from raymap.file.reader import RayMap

@@ -13,9 +13,9 @@ from viewer.app.session import Session
 from viewer.drawn.answers import draw_rays, read_one
 from viewer.drawn.rays import DrawnRays
 from viewer.drawn.state import Clip, Section, ViewState
-from viewer.view import live as live_module
-from viewer.view.live import LiveScene, pack
-from viewer.view.parts import PARTS, ray_points
+from viewer.shown import live as live_module
+from viewer.shown.live import LiveScene, pack
+from viewer.shown.parts import PARTS, ray_points
 
 W, H = 640, 480
 

@@ -1,7 +1,7 @@
 """The scene as a PyVista plotter: for windows, notebooks, and whatever PyVista can do with it.
 
 Bodies are meshes by name, all rays are one `pyvista.PolyData`. The plotter is a renderer of the
-scene's parts (`viewer.view.live`) as the page is: it takes what has changed and leaves the rest.
+scene's parts (`viewer.shown.live`) as the page is: it takes what has changed and leaves the rest.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from viewer.drawn.rays import DrawnRays, no_rays
 from viewer.drawn.scene import load_bodies
 from viewer.drawn.state import COLOR_RULES, Camera, Section, ViewState
 from viewer.paint.painter import Painter
-from viewer.view.live import LiveScene, Snapshot
+from viewer.shown.live import LiveScene, Snapshot
 
 if TYPE_CHECKING:
     from raymap.file.reader import RayMap

@@ -20,8 +20,8 @@ from viewer.drawn.bodies import Body
 from viewer.drawn.rays import DrawnRays
 from viewer.drawn.state import Camera, ViewState
 from viewer.paint.painter import Colored
-from viewer.view import parts as made
-from viewer.view.parts import PARTS, Part
+from viewer.shown import parts as made
+from viewer.shown.parts import PARTS, Part
 
 __all__ = ["CHUNK_BYTES", "LiveScene", "Snapshot", "pack"]
 

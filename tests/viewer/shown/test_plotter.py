@@ -16,7 +16,7 @@ from viewer.drawn.answers import draw_rays
 from viewer.drawn.scene import load_bodies
 from viewer.drawn.state import Clip
 from viewer.paint.painter import Painter
-from viewer.view.plotting import PlottedScene
+from viewer.shown.plotting import PlottedScene
 
 pyvista = pytest.importorskip("pyvista")
 

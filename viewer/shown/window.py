@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 from raymap.model.errors import RayMapError
 from viewer.drawn.camera import VIEW_ANGLE
 from viewer.drawn.state import Camera, Section, ViewState
-from viewer.view.picked import Picked, Sight, pick
-from viewer.view.plotting import PlottedScene, plotted
+from viewer.shown.picked import Picked, Sight, pick
+from viewer.shown.plotting import PlottedScene, plotted
 
 if TYPE_CHECKING:
     from raymap.file.reader import RayMap

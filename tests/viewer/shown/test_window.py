@@ -16,7 +16,7 @@ from viewer.app.session import Session
 from viewer.drawn.answers import draw_rays
 from viewer.drawn.camera import view_matrix
 from viewer.drawn.state import Camera, ViewState
-from viewer.view.window import Window, camera_of, open_window
+from viewer.shown.window import Window, camera_of, open_window
 
 pyvista = pytest.importorskip("pyvista")
 
