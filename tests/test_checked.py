@@ -24,6 +24,8 @@ _MADE_IN = {
         "raymap/encoding/dictionary.py": ["with_sums"],
         # A checked one, its paths told apart by what they meet besides
         "raymap/passes/placed.py": ["_refined"],
+        # A checked one, its paths cut off at stops
+        "raymap/passes/stopped.py": ["_paths_of"],
         # The first path of a checked one, to load compiled loops with
         "query/answers/selections/warm.py": ["_first_path"],
     },
