@@ -53,7 +53,7 @@ def check_emission(law: SourceLaw, own: Array, half_size: Array, place: str) -> 
     ------
     SceneError
     """
-    emit = law.emit.py_func
+    emit = law.emit
     for uniform in np.random.default_rng(0).random((64, 5)):
         drawn = np.array(emit(own, *uniform), np.float64)
         if drawn.shape != (6,):
