@@ -41,6 +41,7 @@ _MADE_IN = {
     "MergedPaths": {
         "raymap/file/footer.py": ["read_merged"],
         "raymap/file/shards.py": ["merged"],
+        "raymap/file/mixed.py": ["merged"],
         # Other sums of checked paths, whose itineraries stay
         "raymap/passes/revised.py": ["_from_dictionary", "_pass"],
     },
