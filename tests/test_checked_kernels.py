@@ -66,7 +66,7 @@ _KERNELS = {
     "amplitudes._meet_facets": ("Law", {"amplitudes.meet_waves"}),
     "amplitudes._meet_sheet": ("Law", {"amplitudes.meet_waves"}),
     "amplitudes._scattered": ("Law", {"amplitudes.meet_waves"}),
-    "amplitudes.shares_of_state": ("Law", {"carried._meet_smooth"}),
+    "amplitudes.shares_of_state": ("Law", {"carried.meet_smooth_face"}),
     "stacks._fill_shares": ("Law", {"stacks.stack_shares"}),
     "stacks.stack_amplitudes": ("Law", {"amplitudes._amplitudes", "stacks._fill_shares"}),
     "phase.eval_phase": (

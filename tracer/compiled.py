@@ -194,12 +194,14 @@ class Carried(NamedTuple):
     k0 (n_channels,) : 2 pi / wavelength [1 / scene unit]
     vibration (n_sources, 3) : of polarised sources, zero for natural light
     laws : what surfaces do to polarised light
+    calls (3,) : addresses of compiled functions (`tracer.transport.carried`), 0 until known
     """
 
     rows: F64
     k0: F64
     vibration: F64
     laws: Amplitudes
+    calls: I64
 
 
 class CompiledScene(NamedTuple):

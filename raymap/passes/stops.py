@@ -182,7 +182,9 @@ class StopTable:
         stack = np.empty(_DEEPEST, np.int64)
         _meet_stops(self.flat, self.tree, position, offsets, left, every, stack)
         ray = np.flatnonzero(stop >= 0)
-        return Stopped(*(column[ray] for column in every))
+        return Stopped(
+            ray, record[ray], every.reach[ray], stop[ray], primitive[ray], every.normal[ray]
+        )
 
 
 def _tree_of(corners: F64, owner: I64) -> _Tree:

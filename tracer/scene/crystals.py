@@ -148,6 +148,7 @@ def carried_waves(
         k0=2e6 * np.pi / wavelengths * length_scale(scene.length_unit, "mm"),
         vibration=vibration,
         laws=amplitudes_of_laws(laws, channels),
+        calls=np.zeros(3, np.int64),
     )
 
 

@@ -15,9 +15,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from raymap.jit.kernels import inline_kernel, inner_kernel
+from raymap.jit.compiling import Door, Task, address_of
+from raymap.jit.kernels import inline_kernel, inner_kernel, number, stage_kernel
 from raymap.jit.types import F64, I64
-from raymap.laws.amplitudes import Met, meet_waves, shares_of_state
+from raymap.laws.amplitudes import Amplitudes, Met, meet_waves, shares_of_state
 from raymap.laws.phase import RAYLEIGH
 from raymap.model.events import Event
 from raymap.optics.angles import turned
@@ -35,10 +36,10 @@ from tracer.compiled import (
     VarianceReduction,
 )
 from tracer.optics.crystals.interface import interface_event
-from tracer.optics.crystals.rows import BIAXIAL, EPS, ISOTROPIC, KIND
+from tracer.optics.crystals.rows import BIAXIAL, EPS, ISOTROPIC, KIND, ROW
 from tracer.optics.crystals.waves import ray_absorption
 from tracer.rays.random import advance, uniform
-from tracer.surfaces.interaction import ABSORBED, Interface, Light, Optics, Way, reflected_way
+from tracer.surfaces.interaction import ABSORBED, Interface, Light, Optics, Way
 from tracer.transport.buffers import CarriedRays
 from tracer.transport.medium_stack import top_body
 from tracer.transport.splitting import SplitRays
@@ -47,9 +48,11 @@ from tracer.transport.weighted.outcomes import meet
 from tracer.transport.weighted.ray import Weighted, WeightedRay
 
 __all__ = [
+    "carried_tasks",
     "carry_scattered",
     "fly_in_crystal",
     "keep_state",
+    "link_carried",
     "meet_as_carried",
     "plane_normal",
     "start_state",
@@ -221,115 +224,122 @@ def meet_as_carried(
 
 @inline_kernel
 def _meet_carried(
-    carried: Carried, rays: CarriedRays, sides: Sides,
-    reduction: VarianceReduction | None, ray: WeightedRay, optics: Optics, tables: F64 | None,
-    at: Interface, way: Way, light: Light,
+    carried: Carried, rays: CarriedRays, sides: Sides, reduction: VarianceReduction | None,
+    ray: WeightedRay, optics: Optics, tables: F64 | None, at: Interface, way: Way, light: Light,
 ) -> Weighted:  # fmt: skip
     """Let a ray with its wave meet a surface between the media of two bodies."""
-    if _splits_light(carried, light.code, sides):
-        row_1 = carried.rows[light.code, sides.before]
-        row_2 = carried.rows[light.code, sides.behind]
-        return _meet_crystal(rays, row_1, row_2, reduction, ray, optics, at, way, light)
+    kind = optics.surface_i[at.surface, S_KIND]
+    channel = light.code
+    n1, n2 = optics.medium_f[at.medium, channel], optics.medium_f[at.other, channel]
+    dx, dy, dz, state, weight = way.dx, way.dy, way.dz, light.state, ray.weight
+    if _splits_light(carried, channel, sides):
+        if kind == ABSORBER:
+            return ABSORBED, False, dx, dy, dz, channel, state, weight
+        bare = optics.surface_i[at.surface, S_MODEL] == 0
+        if kind != DIELECTRIC or not bare or optics.surface_i[at.surface, S_SCATTER] >= 0:
+            # A sheet inside of a crystal: no law is known of it
+            return _ERROR, False, dx, dy, dz, channel, state, weight
+        happened, dx, dy, dz, factor, state = _meet_crystal(
+            carried.calls[_CRYSTAL],
+            (
+                rays, carried.rows[channel, sides.before], carried.rows[channel, sides.behind], way,
+                n1, least_of(reduction), state,
+            ),
+        )  # fmt: skip
+        return happened, happened & _REFRACTED != 0, dx, dy, dz, channel, state, weight * factor
+    met = Met(number(at.surface), number(channel), n1, n2)
     if reduction is None:
-        drawn, happened, crosses, dx, dy, dz, state = _meet_smooth(
-            carried, rays, optics, at, way, light
+        happened, dx, dy, dz, state = _meet_smooth(
+            carried.calls[_SMOOTH], (carried.laws, rays, met, number(kind), at.cos_i, way, state)
         )
-        if drawn:
-            return happened, crosses, dx, dy, dz, light.code, state, ray.weight
+        if happened != 0:
+            return happened, happened & _REFRACTED != 0, dx, dy, dz, channel, state, weight
     happened, crosses, dx, dy, dz, code, state, weight = meet(
         reduction, None, ray, optics, tables, at, way, light, 0
     )
     factor, state = _follow(
-        carried, rays, optics, at, happened,
-        Turn(way.dx, way.dy, way.dz, dx, dy, dz, way.nx, way.ny, way.nz), light.code, state,
+        carried.calls[_FOLLOW],
+        (
+            carried.laws, rays, met, number(happened),
+            Turn(way.dx, way.dy, way.dz, dx, dy, dz, way.nx, way.ny, way.nz), state,
+        ),
     )  # fmt: skip
     return happened, crosses, dx, dy, dz, code, state, weight * factor
 
 
-@inner_kernel
-def _follow(
-    carried: Carried, rays: CarriedRays, optics: Optics, at: Interface, happened: int, turn: Turn,
-    channel: int, state: np.uint64,
-) -> tuple[float, np.uint64]:  # fmt: skip
+@inline_kernel
+def least_of(reduction: VarianceReduction | None) -> float:
+    """The probability with which a reflection is chosen at least."""
+    if reduction is None:
+        return 0.0
+    return float(reduction.settings[R_LEAST])
+
+
+@stage_kernel
+def follow_natural(
+    laws: Amplitudes, rays: CarriedRays, met: Met, happened: int, turn: Turn, state: np.uint64
+) -> tuple[float, np.uint64]:
     """Take the wave along with what was drawn for natural light; the factor of the weight."""
-    met = Met(
-        int(at.surface), channel, optics.medium_f[at.medium, channel],
-        optics.medium_f[at.other, channel],
-    )  # fmt: skip
     state = advance(state)
     u = uniform(state)
     state = advance(state)
     v = uniform(state)
-    factor, lost = meet_waves(carried.laws, rays.waves, happened, met, turn, u, v)
+    factor, lost = meet_waves(laws, rays.waves, happened, met, turn, u, v)
     if lost:
         state = advance(state)
         start_waves(rays.waves, turn.ox, turn.oy, turn.oz, False, 2.0 * math.pi * uniform(state))
     return factor, state
 
 
-@inner_kernel
-def _meet_smooth(
-    carried: Carried, rays: CarriedRays, optics: Optics, at: Interface, way: Way, light: Light
-) -> tuple[bool, int, bool, float, float, float, np.uint64]:
-    """Draw what happens to the wave as it is; False where more can happen than back and through."""
-    channel = light.code
-    n1, n2 = optics.medium_f[at.medium, channel], optics.medium_f[at.other, channel]
-    met = Met(int(at.surface), channel, n1, n2)
-    arrives = Turn(
-        way.dx, way.dy, way.dz, way.dx, way.dy, way.dz, way.nx, way.ny, way.nz
-    )  # fmt: skip
-    back, through = shares_of_state(carried.laws, rays.waves, rays.copy, met, arrives)
+@stage_kernel
+def meet_smooth_face(
+    laws: Amplitudes, rays: CarriedRays, met: Met, kind: int, cos_i: float, way: Way,
+    state: np.uint64,
+) -> tuple[int, float, float, float, np.uint64]:  # fmt: skip
+    """Draw what happens to the wave as it is; 0 where more can happen than back and through."""
+    arrives = Turn(way.dx, way.dy, way.dz, way.dx, way.dy, way.dz, way.nx, way.ny, way.nz)
+    back, through = shares_of_state(laws, rays.waves, rays.copy, met, arrives)
     if back < 0.0:
-        return False, 0, False, way.dx, way.dy, way.dz, light.state
-    state = advance(light.state)
+        return 0, way.dx, way.dy, way.dz, state
+    state = advance(state)
     u = uniform(state)
-    kind = optics.surface_i[at.surface, S_KIND]
-    eta = n1 / n2
-    cos2_t = cos2_refracted(eta, at.cos_i)
+    eta = met.n1 / met.n2
+    cos2_t = cos2_refracted(eta, cos_i)
     if kind == DIELECTRIC and cos2_t <= 0.0:
         through = 0.0
     if u < back:
         happened = _TIR if kind == DIELECTRIC and cos2_t <= 0.0 else _REFLECTED
-        gone = reflected_way(at, way)
-        ox, oy, oz = gone.dx, gone.dy, gone.dz
+        along = 2.0 * cos_i
+        ox, oy, oz = way.dx + along * way.nx, way.dy + along * way.ny, way.dz + along * way.nz
     elif u < back + through:
         happened, ox, oy, oz = _PASSED, way.dx, way.dy, way.dz
         if kind != POLARISER:
             happened = _REFRACTED
-            along = eta * at.cos_i - math.sqrt(cos2_t)
+            along = eta * cos_i - math.sqrt(cos2_t)
             ox, oy, oz = (
                 eta * way.dx + along * way.nx,
                 eta * way.dy + along * way.ny,
                 eta * way.dz + along * way.nz,
             )
     else:
-        return True, ABSORBED, False, way.dx, way.dy, way.dz, state
+        return ABSORBED, way.dx, way.dy, way.dz, state
     turn = Turn(way.dx, way.dy, way.dz, ox, oy, oz, way.nx, way.ny, way.nz)
-    meet_waves(carried.laws, rays.waves, happened, met, turn, 0.5, 0.5)
-    return True, happened, happened & _REFRACTED != 0, ox, oy, oz, state
+    meet_waves(laws, rays.waves, happened, met, turn, 0.5, 0.5)
+    return happened, ox, oy, oz, state
 
 
-@inner_kernel
-def _meet_crystal(
-    rays: CarriedRays, row_1: F64, row_2: F64, reduction: VarianceReduction | None,
-    ray: WeightedRay, optics: Optics, at: Interface, way: Way, light: Light,
-) -> Weighted:  # fmt: skip
-    """Draw one of the waves that leave an interface with a crystal on either side."""
-    kind = optics.surface_i[at.surface, S_KIND]
-    dx, dy, dz, state, weight = way.dx, way.dy, way.dz, light.state, ray.weight
-    if kind == ABSORBER:
-        return ABSORBED, False, dx, dy, dz, light.code, state, weight
-    if (
-        kind != DIELECTRIC
-        or optics.surface_i[at.surface, S_MODEL] != 0
-        or optics.surface_i[at.surface, S_SCATTER] >= 0
-    ):
-        # A sheet inside of a crystal: no law is known of it
-        return _ERROR, False, dx, dy, dz, light.code, state, weight
+@stage_kernel
+def meet_crystal_face(
+    rays: CarriedRays, row_1: F64, row_2: F64, way: Way, n1: float, least: float, state: np.uint64
+) -> tuple[int, float, float, float, float, np.uint64]:
+    """Draw one of the waves that leave an interface with a crystal on either side.
+
+    Reflection is drawn with at least the probability ``least``: event, direction, factor of the
+    weight, state.
+    """
     waves, big_n, field, out = rays.waves, rays.refraction, rays.field, rays.out
     if row_1[KIND] == ISOTROPIC:
-        n = optics.medium_f[at.medium, light.code]
-        big_n[0], big_n[1], big_n[2] = n * dx, n * dy, n * dz
+        big_n[0], big_n[1], big_n[2] = n1 * way.dx, n1 * way.dy, n1 * way.dz
     for k in range(3):
         field[k] = complex(waves[0, k], waves[0, 3 + k])
     interface_event(
@@ -338,23 +348,17 @@ def _meet_crystal(
     )  # fmt: skip
     back, through = out[0, 12] + out[1, 12], out[2, 12] + out[3, 12]
     share = back / (back + through)
-    chance = share
-    if reduction is not None:
-        chance = likely_enough(share, reduction.settings[R_LEAST])
+    chance = likely_enough(share, least)
     state = advance(state)
     u = uniform(state)
-    reflects = u < chance
-    if reflects:
-        weight *= share / chance
-        first, draw = 0, u / chance * back
-    else:
-        weight *= (1.0 - share) / (1.0 - chance)
-        first, draw = 2, (u - chance) / (1.0 - chance) * through
-    chosen = first if draw < out[first, 12] or out[first + 1, 12] <= 0.0 else first + 1
-    row = row_1 if reflects else row_2
-    happened = _REFRACTED
-    if reflects:
+    if u < chance:
+        factor, first, draw, row = share / chance, 0, u / chance * back, row_1
         happened = _REFLECTED if through > 0.0 else _TIR
+    else:
+        factor = (1.0 - share) / (1.0 - chance)
+        first, draw, row = 2, (u - chance) / (1.0 - chance) * through, row_2
+        happened = _REFRACTED
+    chosen = first if draw < out[first, 12] or out[first + 1, 12] <= 0.0 else first + 1
     for k in range(3):
         field[k] = complex(out[chosen, 6 + k], out[chosen, 9 + k])
     dx, dy, dz = out[chosen, 3], out[chosen, 4], out[chosen, 5]
@@ -375,7 +379,7 @@ def _meet_crystal(
     scale = 1.0 / math.sqrt(size)
     for k in range(3):
         waves[0, k], waves[0, 3 + k] = scale * field[k].real, scale * field[k].imag
-    return happened, not reflects, dx, dy, dz, light.code, state, weight
+    return happened, dx, dy, dz, factor, state
 
 
 @inner_kernel
@@ -427,3 +431,36 @@ def _draw_from_cone(
     sx, sy, sz = square * kx - along * ex, square * ky - along * ey, square * kz - along * ez
     length = math.sqrt(sx * sx + sy * sy + sz * sz)
     return sx / length, sy / length, sz / length, state
+
+
+_WAY = Way(0.0, 0.0, 1.0, 0.0, 0.0, -1.0)
+_STATE = np.uint64(0)
+_RAYS = CarriedRays.create(2)
+_LAWS = Amplitudes(np.zeros((1, 1), np.int64), np.zeros(1), np.zeros(1))
+_MET = Met(0, 0, 1.0, 1.0)
+_CRYSTAL, _SMOOTH, _FOLLOW = range(3)
+_DOORS = (
+    Door(
+        (0, 0.0, 0.0, 0.0, 0.0, _STATE),
+        (_RAYS, np.zeros(ROW), np.zeros(ROW), _WAY, 1.0, 0.0, _STATE),
+    ),
+    Door((0, 0.0, 0.0, 0.0, _STATE), (_LAWS, _RAYS, _MET, 0, 1.0, _WAY, _STATE)),
+    Door((0.0, _STATE), (_LAWS, _RAYS, _MET, 0, Turn(*[0.0] * 9), _STATE)),
+)
+"""What happens to a wave is compiled alone, once for scenes of all kinds."""
+_meet_crystal, _meet_smooth, _follow = (door.call for door in _DOORS)
+
+
+def carried_tasks(carried: Carried | None) -> list[Task]:
+    """What is to be compiled where rays carry their state."""
+    if carried is None:
+        return []
+    functions = (meet_crystal_face, meet_smooth_face, follow_natural)
+    return [door.task(function) for door, function in zip(_DOORS, functions, strict=True)]
+
+
+def link_carried(carried: Carried | None) -> None:
+    """Fill in the addresses of what happens to waves."""
+    for k, task in enumerate(carried_tasks(carried)):
+        if carried is not None:
+            carried.calls[k] = address_of(task)

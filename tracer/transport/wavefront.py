@@ -36,6 +36,7 @@ from tracer.transport.buffers import (
     Buffers,
     Workspace,
 )
+from tracer.transport.carried import carried_tasks, link_carried
 from tracer.transport.interact import emit_block, interact, place_block
 from tracer.transport.intersect import nearest_hits
 from tracer.transport.splitting import SplitRays, has_room, make_split_rays, start_emissions, widen
@@ -140,6 +141,7 @@ class Wavefront:
             surface_i=scene.surface_i.copy(),
             source_i=scene.source_i.copy(),
             detector_i=scene.detector_i.copy(),
+            carried=scene.carried and scene.carried._replace(calls=scene.carried.calls.copy()),
         )
         self.faces = self.scene.faces
         self.weighed = self.scene.reduction is not None or _states_weigh(self.scene)
@@ -261,6 +263,7 @@ class Wavefront:
             *surface_tasks(self.scene.surface_i, weighed=self.scene.reduction is not None),
             *source_tasks(self.scene.source_i),
             *detector_tasks(self.scene.detector_i),
+            *carried_tasks(self.scene.carried),
             *shape_tasks(self.scene.face_i[:, F_KIND]),
             task(store_block, 0, 0, b, assembly.columns, filled, few, few, False),
             task(
@@ -301,6 +304,7 @@ class Wavefront:
             link_surfaces(self.scene.surface_i, weighed=self.scene.reduction is not None)
             link_sources(self.scene.source_i)
             link_detectors(self.scene.detector_i)
+            link_carried(self.scene.carried)
             link_shapes(self.scene.face_i[:, F_KIND], self.scene.face_f)
             addresses = [address_of(item) for item in self._stage_tasks(b)]
             self._local.stages = Stages(*addresses, *[0] * (4 - len(addresses)))
