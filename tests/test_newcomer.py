@@ -255,6 +255,8 @@ def test_every_place_of_every_command_is_tried() -> None:
             paths = [k for k, v in hints.items() if Path in (v, *typing.get_args(v))]
             paths += [k for k in hints if k == "output" and k not in paths]
             found[f"{prefix}{item.name}"] = len(paths)
+            # Maps with their factors are texts
+            found[f"{prefix}{item.name}"] += item.name == "mix"
     tried = {
         name: sum(word[0] in "<>" for word in words.split()) for name, words in COMMANDS.items()
     }

@@ -118,14 +118,15 @@ def paint_map(
 ) -> dict[str, Any]:
     """A picture of the scene of a map with selected rays, as PNG."""
     from raymap.file.opening import open as open_map
-    from viewer.paint.rendering import encode_png, picture
+    from raymap.pictures.png import png_bytes
+    from viewer.paint.rendering import picture
 
     limit_process(**bounds)
     paths = [Path(path) for path in arguments["paths"]]
     with open_map(paths[0] if len(paths) == 1 else paths, on_damage="skip") as ray_map:
         check_inside(ServedFolder(arguments["folder"]), ray_map, paths)
         pixels = picture(ray_map, arguments["criterion"], **arguments["options"])
-    return {"png": base64.b64encode(encode_png(pixels)).decode()}
+    return {"png": base64.b64encode(png_bytes(pixels)).decode()}
 
 
 JOBS = {"scene": describe_scene, "record": record_scene, "picture": paint_map}

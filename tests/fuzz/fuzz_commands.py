@@ -45,6 +45,8 @@ LINES = (
     "what-if MAP 'detected(\"sensor\")' --set lamp.flux=5",
     "sensitivity MAP 'detected(\"sensor\")'",
     "histogram MAP length", "histogram MAP 'u(\"sensor\")' --by object",
+    "improve MAP 'detected(\"sensor\")' --reflectance 1% --faces 1",
+    "mix MAP:0.5 -o OUT.raymix",
     "focus MAP sensor", "image MAP sensor -o OUT.png", "image MAP sensor -o OUT.exr",
     "chart MAP sensor -o OUT.svg", "chart MAP sky -o OUT.svg",
     "picture MAP -o OUT.png --rays 20 --width 64 --height 48", "rayfile MAP sensor -o OUT.sdf",

@@ -18,6 +18,7 @@ from raymap.file.writer import RayMapWriter
 from raymap.model.directory import ChannelSet
 from raymap.model.portion import Portion
 from raymap.model.schema import PORTION_RECORDS
+from raymap.optics.cells import is_pinhole
 from tracer.run.pieces import copied, split_portion
 from tracer.run.results import (
     OtherChannels,
@@ -29,7 +30,7 @@ from tracer.run.results import (
     uneven_notes,
 )
 from tracer.run.trace import TRANSPORT_LAW, Trace
-from tracer.transport.counts import Counts
+from tracer.transport.counts import Counts, DetectorCount
 from tracer.transport.tally import Tally
 
 __all__ = ["DEFAULT_SEED", "Run", "run_into", "run_statistics"]
@@ -152,7 +153,7 @@ class Run:
             warnings.warn(note, StoppedLight, stacklevel=3)
         for note in self.other_channels:
             warnings.warn(note, OtherChannels, stacklevel=3)
-        uneven = uneven_notes(counts.detectors) if self.trace.parameters.get("polarised") else []
+        uneven = self._uneven(counts.detectors)
         for note in uneven:
             warnings.warn(note, UnevenWeights, stacklevel=3)
         return RecordResult(
@@ -170,6 +171,16 @@ class Run:
             interrupted=interrupted,
             counts=counts,
         )
+
+    def _uneven(self, counted: dict[str, DetectorCount]) -> list[str]:
+        """What is said of detectors whose light few polarised rays carry.
+
+        Connections of pinholes weigh by their places besides: nothing can be said of them.
+        """
+        if not self.trace.parameters.get("polarised"):
+            return []
+        pinholes = {item.name for item in self.trace.directory.detectors if is_pinhole(item)}
+        return uneven_notes({name: counted[name] for name in counted if name not in pinholes})
 
     def _counts(self) -> Counts:
         """What was counted in this run, with the pictures of pinholes."""
